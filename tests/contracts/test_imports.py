@@ -15,7 +15,16 @@ PACKAGES = ("basetree", "calib", "edgetree", "fleet", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"ray", "fsspec", "s3fs"}
-HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
+HEAVY |= {
+    "cryptography",
+    "rosbags",
+    "pyrealsense2",
+    "depthai",
+    "pyorbbecsdk",
+    "paho",
+    "small_gicp",
+    "av",
+}
 READS_BAGS = {
     "edgetree.sinks.bag",
     "edgetree.sinks.ros_messages",
@@ -156,6 +165,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
         lazily |= {"paho"} if module == "edgetree.sinks.network" else set()
         lazily |= {"rosbags"} if module in READS_BAGS else set()
+        lazily |= {"av"} if module == "edgetree.sources.bags.video_packets" else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
