@@ -24,6 +24,7 @@ class Limits:
         text_nesting: Levels of lists and maps in such a file, and in the records inside of model
             files, checkpoints and training states.
         image_pixels: Pixels of a picture or depth map, width times height.
+        recording_chunk_bytes: Bytes of a chunk or message of a recording when it is unpacked.
         model_memory_bytes: Memory that opening a model file on the CPU may take. Running it is not
             limited. On Linux alone.
 
@@ -41,6 +42,7 @@ class Limits:
     text_values: int = 50_000
     text_nesting: int = 50
     image_pixels: int = 200_000_000
+    recording_chunk_bytes: int = 256 * 2**20
     model_memory_bytes: int = 8 * 2**30
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json, track
+from basetree.program.console import note, print_json, tell, track
 from edgetree.commands.options import Json, quoted
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def calibrate(
             print_json({"schema": "edgetree.calibrate/1", **record})
         else:
             for line in outcome.lines():
-                typer.echo(line)
+                tell(line)
         for path in written.values():
             if path is not None:
                 note(f"written: {path}")

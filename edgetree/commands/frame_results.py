@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from basetree.errors import CheckFailed, InputError
-from basetree.program.console import note, track
+from basetree.errors import CheckFailed, InputError, short_line
+from basetree.program.console import LogNotes, note, track
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
@@ -54,7 +54,7 @@ class LeftOut:
         """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
-        reason = " ".join(str(error).split())
+        reason = short_line(" ".join(str(error).split()))
         if reason not in self.reasons:
             self.reasons.append(reason)
             note(f"left out: {reason}")
@@ -137,15 +137,14 @@ def note_files(paths: Mapping[str, Path | None]) -> None:
 
 @contextmanager
 def warnings_shown() -> Iterator[None]:
-    """Print what the package logs, from warnings on, as notes."""
+    """Print what the packages log, from warnings on, as notes."""
 
-    class Notes(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            note(record.getMessage())
-
-    log, handler = logging.getLogger("edgetree"), Notes(logging.WARNING)
-    log.addHandler(handler)
+    logs = [logging.getLogger(name) for name in ("basetree", "calib", "edgetree")]
+    handler = LogNotes(logging.WARNING)
+    for log in logs:
+        log.addHandler(handler)
     try:
         yield
     finally:
-        log.removeHandler(handler)
+        for log in logs:
+            log.removeHandler(handler)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
@@ -197,7 +197,7 @@ def measure(
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
         for line in table_lines(result.measurements or [], result.found.numbers):
-            typer.echo(line)
+            tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
     if result.scaling is not None:

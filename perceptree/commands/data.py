@@ -10,7 +10,7 @@ import typer
 
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
-from basetree.program.console import print_found, print_json, progress
+from basetree.program.console import note, print_found, print_json, progress, tell
 from perceptree.commands.options import EntireTree, Fold, Json, check_split
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _report_lines(report: Report) -> Iterator[str]:
             f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
             f" with {', '.join(held) or 'boxes only'}"
         )
-        yield from (f"      {note}" for note in split.notes)
+        yield from (f"      {line}" for line in split.notes)
     yield from map(str, report.findings)
     if not report.findings:
         yield f"nothing found; splits compared by {report.compared_by}"
@@ -94,8 +94,8 @@ def show(
     )
     datasets = [read_labels(labels) for labels in files]
     for dataset in datasets:
-        for note in dataset.notes:
-            typer.echo(f"{dataset.labels.split}: {note}", err=True)
+        for line in dataset.notes:
+            note(f"{dataset.labels.split}: {line}")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -106,7 +106,7 @@ def show(
     for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
         path = out / f"page_{number:03d}.jpg"
         write_image(path, page, [cv2.IMWRITE_JPEG_QUALITY, 90])
-        typer.echo(str(path))
+        tell(path)
 
 
 @app.command()
@@ -132,8 +132,8 @@ def compare(
         print_json(comparison.to_dict() | {"page": str(out)})
         return
     for difference in comparison.differences[:5]:
-        typer.echo(
+        tell(
             f"{difference.measure.title}: separation {difference.separation:.2f},"
             f" simulated {difference.shift:+.1f} standard deviations from real"
         )
-    typer.echo(str(out))
+    tell(out)

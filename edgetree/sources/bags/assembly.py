@@ -21,6 +21,7 @@ from edgetree.sources.bags.depth_alignment import DepthAlignment, View
 from edgetree.sources.bags.exact import ExactValues
 from edgetree.sources.bags.messages import PictureDecoder, frame_of, stamp_ns
 from edgetree.sources.bags.pairing import Pair, Picture
+from edgetree.sources.bags.realsense_sdk import is_static
 from edgetree.sources.bags.topic_words import is_rectified
 from edgetree.sources.bags.topics import Streams
 from edgetree.sources.bags.transforms import TransformTree
@@ -82,7 +83,7 @@ class Assembly:
             if infos.error is not None:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
-            self._tree.add(message, is_static=topic.endswith("static"))
+            self._tree.add(message, is_static=is_static(topic))
             if self._tree.unusable:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.exact:

@@ -14,6 +14,7 @@ from edgetree.sources.bags.assembly import Assembly
 from edgetree.sources.bags.messages import stamp_ns
 from edgetree.sources.bags.pairing import Pair, Pairing, Picture, StampCheck
 from edgetree.sources.bags.reader import Bag, BrokenRecording, Message
+from edgetree.sources.bags.realsense_sdk import is_static
 from edgetree.sources.bags.topics import Modality, Streams, choose_streams
 from edgetree.sources.playing import Looped, RisingClock
 from edgetree.sources.source import BaseSource, FrameSource
@@ -33,17 +34,21 @@ def open_recording(
     modality: Modality = "both",
     loop: bool = False,
 ) -> FrameSource:
-    """Open a ROS 1 bag, a ROS 2 bag or an MCAP file of ROS 2. Needs the package rosbags.
+    """Open a ROS 1 bag, a ROS 2 bag or an MCAP file. Needs the extra `record`.
+
+    MCAP files may hold messages of ROS 1, of ROS 2, and of Foxglove in protobuf or JSON.
 
     Colour and depth are paired by their header stamps within half a period. Frames have the camera
     of CameraInfo, the direction of gravity of an IMU, and the pose in odom, map or world of tf, as
     far as these are there. Depth of another frame or lens than the colour's is registered to it.
 
     Args:
-        path: a file (.bag, .mcap, .db3) or the folder of a ROS 2 bag.
+        path: a file (.bag, .bag.active, .mcap, .db3, .mcap.zstd, .db3.zstd), or a folder of such
+            files, which are one recording in the order of time.
         topics: Names of topics by role: "colour", "depth", "camera" and "depth_camera" (of type
             CameraInfo), and "imu". The others are found by type, encoding and frame.
-        depth_scale_m: Metres per unit of the depth. By default 0.001 for 16UC1 and 1 for 32FC1.
+        depth_scale_m: Metres per unit of the depth. By default what a recording of RealSense's SDK
+            says, otherwise 0.001 for 16UC1 and 1 for 32FC1.
         modality: "both" for all images there are, "rgb" for colour alone, "depth" for depth alone,
             which is then not registered to the colour.
         loop: Whether to start again at the end, for ever. Numbers and time stamps go on rising.
@@ -75,6 +80,11 @@ class _Recording(BaseSource):
         self._first_error = ""
         with Bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
+            if self._scale_m is None:
+                self._scale_m = bag.depth_unit_m
+            for name in bag.missing:
+                self.counts["files missing"] += 1
+                _log.warning("recording %s: its file %s is missing", path, name)
             if bag.is_cut_off:
                 self.counts["end missing"] += 1
                 _log.warning("recording %s: its end is missing: what is there is read", path)
@@ -191,7 +201,7 @@ class _Pass:
             content = self._bag.first(name) if name is not None else None
             if name is not None and content is not None:
                 self.assembly.add(name, content)
-        fixed = [name for name in self._streams.transforms if name.endswith("static")]
+        fixed = [name for name in self._streams.transforms if is_static(name)]
         for message in self._bag.messages(fixed) if fixed else ():
             content = self._bag.decode(message)
             if content is not None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+import zstandard
 
 import calib
 from basetree.errors import InputError
@@ -19,6 +21,8 @@ from formats.form import Format
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "support"))
 import bag_files
+import mcap_files
+from mcap.writer import CompressionType
 from packets import moving_pictures, rvl, video_packets
 
 _ENCODINGS = ("bgr8", "nv12", "i420", "yuyv", "rgb16", "bayer_rggb16", "mono8")
@@ -76,9 +80,28 @@ def _read_recording(path: Path) -> list[object]:
     return list(open_recording(path))
 
 
+def _packed(data: bytes) -> bytes:
+    return zstandard.ZstdCompressor().compress(data)
+
+
+def _foxglove(write: Callable[..., None]) -> bytes:
+    """A recording with a picture of Foxglove."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name, "a.mcap")
+        with mcap_files.McapOf(path, compression=CompressionType.NONE) as mcap:
+            png = cv2.imencode(".png", bag_files.small_frame().image)[1].tobytes()
+            common = {"format": "png", "data": png, "frame_id": "cam"}
+            write(mcap, "/image", "CompressedImage", bag_files.START_NS, **common)
+        return path.read_bytes()
+
+
+_FOXGLOVE = (_foxglove(mcap_files.foxglove_json), _foxglove(mcap_files.foxglove_protobuf))
+
 FORMATS = {
     "recording.bag": Format((_recording("ros1"),), _read_recording),
     "recording.mcap": Format((_recording("mcap"), _pictures(), _video()), _read_recording),
     "depth.rvl": Format((rvl(bag_files.small_frame().depth),), _read_rvl),
     "recording.db3": Format((_recording("sqlite3"),), _read_recording),
+    "foxglove.mcap": Format(_FOXGLOVE, _read_recording),
+    "recording.mcap.zstd": Format((_packed(_recording("mcap")),), _read_recording),
 }
