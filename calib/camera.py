@@ -159,6 +159,39 @@ class PinholeCamera:
             )
         return self._changed(width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
 
+    def rotated(self, clockwise_deg: int) -> PinholeCamera:
+        """Return the camera of the image turned clockwise.
+
+        Camera coordinates turn about the optical axis: after 90 degrees, x and y of a point are
+        -y and x.
+
+        Args:
+            clockwise_deg: 0, 90, 180 or 270.
+
+        Raises:
+            CameraError: If it is another angle, or the lens is tilted and turned by 90 or 270.
+        """
+        if clockwise_deg not in (0, 90, 180, 270):
+            raise CameraError(f"clockwise_deg is {clockwise_deg}: expected 0, 90, 180 or 270")
+        tilt_rad = self.distortion[12:]
+        if any(tilt_rad) and clockwise_deg not in (0, 180):
+            raise CameraError(
+                f"the lens is tilted by {tilt_rad} rad: expected none, as an image is turned by"
+                f" {clockwise_deg} degrees"
+            )
+        camera = self
+        for _ in range(clockwise_deg // 90):
+            camera = camera._changed(
+                width=camera.height,
+                height=camera.width,
+                fx=camera.fy,
+                fy=camera.fx,
+                cx=camera.height - 1 - camera.cy,
+                cy=camera.cx,
+                distortion=_quarter_turned(camera.distortion, camera.distortion_model),
+            )
+        return camera
+
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values; optional fields are left out at their defaults."""
         values = {**asdict(self), "distortion": list(self.distortion)}
@@ -203,3 +236,21 @@ def _number(name: str, value: Any) -> float:
         with suppress(OverflowError):
             return float(value)
     raise CameraError(f"camera field {name} is {value!r}: expected a number")
+
+
+def _quarter_turned(terms: tuple[float, ...], model: str) -> tuple[float, ...]:
+    """The terms after a quarter turn clockwise: radial ones stay, directed ones turn along.
+
+    The tangential terms are the vector (p2, p1), the thin prism's (s1, s3) and (s2, s4). A vector
+    (x, y) becomes (-y, x). The angles of a tilted lens are right after two quarter turns alone.
+    """
+    if model != RADTAN or len(terms) < 4:
+        return terms
+    k1, k2, p1, p2, *others = terms
+    radial, prism, tilt = others[:4], others[4:8], others[8:]
+    if prism:
+        s1, s2, s3, s4 = prism
+        prism = [-s3, -s4, s1, s2]
+    if tilt:
+        tilt = [-tilt[1], tilt[0]]
+    return (k1, k2, p2, -p1, *radial, *prism, *tilt)

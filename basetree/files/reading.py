@@ -6,6 +6,7 @@ The only place that gives paths to OpenCV: it crashes on names that are not UTF-
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -115,4 +116,7 @@ def open_video(path: Path) -> cv2.VideoCapture:
             f"{path}: its name is not UTF-8, with which OpenCV cannot open videos: expected"
             " another name"
         )
-    return cv2.VideoCapture(str(path))
+    # FFmpeg takes the beginning of a relative name such as 10:30.mp4 for a protocol, and OpenCV's
+    # reader of picture series takes digits and % for a pattern.
+    has_ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)
+    return cv2.VideoCapture(os.path.abspath(path), cv2.CAP_FFMPEG if has_ffmpeg else cv2.CAP_ANY)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +14,18 @@ from basetree.errors import InputFileError
 from basetree.files.limits import current_limits
 from basetree.files.reading import read_image
 from basetree.files.writing import write_image
-from calib.errors import DepthError
+from calib.depth.convention import check_scale, values_to_metres
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
-_MAX_READING_M = float(np.finfo(np.float32).max)
 
 
-def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
+def read_depth(path: Path | str, scale: float | None = None) -> Float32:
     """Read a depth map.
 
     Args:
-        path: Single-channel PNG, TIFF or .npy file. uint16 values are multiplied by `scale`;
-            float32 and float64 values are metres.
-        scale: Metres per step of a uint16 file; the default is millimetres.
+        path: Single-channel PNG, TIFF or .npy file of integers or floating point.
+        scale: Metres per unit. By default integers are millimetres and floating point is metres.
 
     Returns:
         (H, W) float32 metres along z. Values that are not positive, not finite or too large for
@@ -36,36 +33,15 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
 
     Raises:
         InputFileError: If the file is missing, unreadable or larger than `Limits` allows.
-        DepthError: If `scale` is not positive, or the file has another dtype or several channels.
+        DepthError: If `scale` is not from 1e-6 to 1000, or the values are no depth: another type,
+            several channels, 8 bits without a scale, or floating point that looks like millimetres.
     """
     path = Path(path)
-    if not (math.isfinite(scale) and scale > 0):
-        raise DepthError(f"scale is {scale}: expected metres per step, above 0")
+    check_scale(scale, "scale")
     if not path.is_file():
         raise InputFileError(f"{path}: no such file, expected a depth map as PNG, TIFF or .npy")
     values = _read_array(path) if path.suffix.lower() == ".npy" else _read_image(path)
-    channels = 1 if values.ndim == 2 else values.shape[-1] if values.ndim == 3 else 0
-    if channels != 1 or values.dtype not in (np.uint16, np.float32, np.float64):
-        raise DepthError(
-            f"{path}: {channels} channel(s) of {values.dtype}, expected one channel of uint16"
-            f" in steps of {scale:g} m or of float32 in metres"
-        )
-    values = values.reshape(values.shape[:2])
-    if values.dtype == np.uint16:
-        return in_metres(values, scale)
-    return np.where((values > 0) & (values <= _MAX_READING_M), values, 0).astype(np.float32)
-
-
-def in_metres(steps: NDArray[Any], scale: float) -> Float32:
-    """Convert uint16 steps to metres.
-
-    If 1 / scale is a whole number, divide by it: the result is then the float32 nearest to the
-    exact value.
-    """
-    per_m = 1 / scale
-    if abs(per_m - round(per_m)) < 1e-6 * per_m:
-        return steps.astype(np.float32) / np.float32(round(per_m))
-    return steps.astype(np.float32) * np.float32(scale)
+    return values_to_metres(values, scale, str(path))
 
 
 def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:

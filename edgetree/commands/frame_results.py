@@ -13,7 +13,7 @@ from basetree.program.console import LogNotes, note, track
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
-from edgetree.sources.source import REMARKS, FrameSource, readable
+from edgetree.sources.source import INCOMPLETE, REMARKS, FrameSource, readable
 
 
 def frame_results(
@@ -82,6 +82,7 @@ class Totals:
     times_ms: list[float] = field(default_factory=list)
     metres_need: str | None = None
     scaling: str | None = None
+    turning: str | None = None
     faults: list[str] = field(default_factory=list)
     unlike: list[str] = field(default_factory=list)
 
@@ -96,6 +97,7 @@ class Totals:
         self.times_ms.append(result.detect_ms)
         self.metres_need = self.metres_need or result.metres_need
         self.scaling = self.scaling or result.scaling
+        self.turning = self.turning or result.turning
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
         if result.trees.unlike is not None:
@@ -109,6 +111,8 @@ class Totals:
             yield f"metres {self.metres_need}"
         if self.scaling is not None:
             yield self.scaling
+        if self.turning is not None:
+            yield self.turning
         if self.faults:
             yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"
         if self.unlike:
@@ -126,6 +130,12 @@ def source_remarks(source: FrameSource) -> Iterator[str]:
     for what, count in source.counts.items():
         if count:
             yield f"{count} {what}" if what in REMARKS else f"{count} left out: {what}"
+
+
+def check_complete(source: str, counts: Mapping[str, int]) -> None:
+    """Raise CheckFailed if a part of the source could not be read."""
+    if any(counts.get(name) for name in INCOMPLETE):
+        raise CheckFailed(f"{source} is not complete, see above: what can be read was used")
 
 
 def note_files(paths: Mapping[str, Path | None]) -> None:

@@ -68,7 +68,7 @@ def live(
     end it with everything written. Files of an earlier run are kept under another name.
     """
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import warnings_shown
+    from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
@@ -133,6 +133,7 @@ def live(
         note(pipeline.status.line())
         note(model_words(detector, model_path))
     guarded.check()
+    check_complete(source, pipeline.status.remarks)
 
 
 def _follow(

@@ -70,10 +70,10 @@ class _Inputs:
     def check(self, image: Path, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
-        from basetree.files.names import VIDEO_SUFFIXES
         from edgetree.results.pictures import PICTURE_SUFFIXES
+        from edgetree.sources.videos import is_video
 
-        if image.is_dir() or image.suffix.lower() in VIDEO_SUFFIXES:
+        if image.is_dir() or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"
             )
@@ -200,8 +200,8 @@ def measure(
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
-    if result.scaling is not None:
-        note(result.scaling)
+    for line in filter(None, (result.scaling, result.turning)):
+        note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)
         note(f"unlike the training pictures: {words}")

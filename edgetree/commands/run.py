@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -99,11 +98,9 @@ class _Inputs:
     scene: Scene = None
     strict_frames: _StrictFrames = False
 
-    def open(
-        self, source: Path, rig: Rig, detector: TreeDetector, depth_scale: str | None
-    ) -> FrameSource:
-        """Open the frames; `depth_scale` is the value of --depth-scale."""
-        from edgetree.sources.opening import is_stream, open_frames
+    def open(self, source: Path, rig: Rig, detector: TreeDetector) -> FrameSource:
+        """Open the frames."""
+        from edgetree.sources.opening import open_frames
 
         return open_frames(
             source,
@@ -111,7 +108,6 @@ class _Inputs:
             rig=rig,
             detector=detector,
             topics=topics_by_role(self.topic),
-            depth_scale_m=_metres_per_unit(depth_scale) if is_stream(source) else None,
             scene=self.scene,
         )
 
@@ -201,6 +197,7 @@ def run(
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
+        check_complete,
         frame_results,
         note_files,
         source_remarks,
@@ -226,8 +223,8 @@ def run(
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
     guarded = GuardedOutputs(others=as_json)
-    with warnings_shown() if is_stream(source) else nullcontext(), guarded:
-        frames = inputs.open(source, rig, detector, rig_options.depth_scale)
+    with warnings_shown(), guarded:
+        frames = inputs.open(source, rig, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
         if lines is not None:
             name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
@@ -268,6 +265,7 @@ def run(
         raise KeyboardInterrupt
     guarded.check()
     left_out.check_none(totals.frames)
+    check_complete(str(source), frames.counts)
     if outputs.out is None:
         options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
         note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} --out pictures")
@@ -306,10 +304,10 @@ def _check(
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
-    from basetree.files.names import VIDEO_SUFFIXES
     from basetree.files.writing import check_paths
     from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
+    from edgetree.sources.videos import is_video
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -323,7 +321,7 @@ def _check(
     check_report(outputs.report)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
-    if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
+    if outputs.coco and is_video(source):
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
     if outputs.coco and is_stream(source) and not is_drive(source):
         raise InputError(f"source {source} is a recording: expected images, as --coco is given")
@@ -332,15 +330,3 @@ def _check(
             f"source {source} has no poses: expected a recording or a drive with poses, as --map is"
             " given; `edgetree live` follows stems without them"
         )
-
-
-def _metres_per_unit(text: str | None) -> float | None:
-    """The value of --depth-scale for a recording."""
-    from basetree.errors import InputError
-
-    try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise InputError(
-            f"--depth-scale is {text}: expected metres per unit, as the source is a recording"
-        ) from error

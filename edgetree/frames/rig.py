@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
+from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
-
-_MILLIMETRE_M = 0.001
+from edgetree.frames.turning import Turn, check_rotation, turn_of
 
 
 class DepthReading(NamedTuple):
@@ -40,11 +39,16 @@ class Rig:
         depth_camera: The depth camera; None if depth files are aligned with the images.
         depth_extrinsics: Transform from the depth camera's frame to the image camera's; None for
             the identity.
-        depth_scale_m: Metres per unit of an integer depth file.
+        depth_scale_m: Metres per unit of the depth. None: integers are millimetres, floating point
+            is metres.
         depth_calibration: Correction of the depth; None for no correction.
+        depth_kind: "depth" along the optical axis, or "range" along the ray of each pixel.
+        rotation_deg: Degrees, 90, 180 or 270, by which pictures must be turned clockwise to be
+            upright; None: a camera on its side is told by its vertical. All else is that of the
+            camera as it is mounted, and so are results.
 
     Raises:
-        InputError: The scale is not positive, or a value needs another one that is missing.
+        InputError: A value is out of its range, or needs another one that is missing.
     """
 
     camera: calib.PinholeCamera | None = None
@@ -52,20 +56,33 @@ class Rig:
     mounting: calib.RigidTransform | None = None
     depth_camera: calib.PinholeCamera | None = None
     depth_extrinsics: calib.RigidTransform | None = None
-    depth_scale_m: float = _MILLIMETRE_M
+    depth_scale_m: float | None = None
     depth_calibration: calib.DepthScale | None = None
+    depth_kind: calib.DepthKind = "depth"
+    rotation_deg: int | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.depth_scale_m) and self.depth_scale_m > 0):
-            raise InputError(
-                f"--depth-scale is {self.depth_scale_m}: expected metres per unit, above 0"
-            )
+        check_scale(self.depth_scale_m, "--depth-scale")
+        check_kind(self.depth_kind, "--depth-kind")
+        check_rotation(self.rotation_deg, "--rotate")
         if self.depth_camera is not None and self.camera is None:
             raise InputError(
                 "--depth-camera given without --camera: expected both, to align depth and image"
             )
         if self.depth_extrinsics is not None and self.depth_camera is None:
             raise InputError("--depth-extrinsics given without --depth-camera: expected both")
+
+    def turn(self, frame: Frame) -> Turn:
+        """The turn that makes a frame upright."""
+        up_camera = self.up_camera if frame.up_camera is None else frame.up_camera
+        if up_camera is None and self.mounting is not None:
+            up_camera = self.mounting.rotation[2]  # of a machine that stands level
+        return turn_of(self.rotation_deg, up_camera)
+
+    @property
+    def depth_convention(self) -> calib.DepthConvention:
+        """Unit, kind and correction of the depth."""
+        return calib.DepthConvention(self.depth_scale_m, self.depth_kind, self.depth_calibration)
 
     def camera_for(self, width: int, height: int) -> calib.PinholeCamera | None:
         """The image camera, scaled to images of this size; None if it is not known.
@@ -108,16 +125,17 @@ class Rig:
 
         Raises:
             InputError: The size differs from the image's, and there is no depth camera.
-            InputError: The file cannot be read, or a camera is for another aspect ratio.
+            InputError: The file cannot be read, or a camera is for another aspect ratio or lacks.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
-        if self.depth_calibration is not None:
-            depth_m = self.depth_calibration.apply(depth_m)
+        height, width = depth_m.shape
+        depth_m = self.depth_convention.corrected(
+            depth_m, f"depth {path}", self._camera_of_depth(path, width, height)
+        )
         check = calib.check_depth(depth_m)
         fault = f"depth {path}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
         if size_px is None:
             return DepthReading(depth_m, fault)
-        height, width = depth_m.shape
         if self.depth_camera is not None:
             own = _depth_camera_of(self.depth_camera, path, width, height)
             return DepthReading(self._registered(depth_m, own, size_px), fault)
@@ -128,6 +146,14 @@ class Rig:
                 f" image {image}{hint}"
             )
         return DepthReading(depth_m, fault)
+
+    def _camera_of_depth(self, path: Path, width: int, height: int) -> calib.PinholeCamera | None:
+        """The camera of a range image; None if there is none, or the file holds depth."""
+        if self.depth_kind == "depth":
+            return None
+        if self.depth_camera is not None:
+            return _depth_camera_of(self.depth_camera, path, width, height)
+        return self.camera_for(width, height)
 
     def _registered(
         self,

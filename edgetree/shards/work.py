@@ -19,6 +19,7 @@ from edgetree.frames.rig import Rig
 from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import frame_record
 from edgetree.shards.inputs import FramesOfUnit, list_frames
+from edgetree.sources.source import INCOMPLETE
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
@@ -109,6 +110,8 @@ class FrameWork:
                 PROFILES.write_rows(profiles, outcome)
             else:
                 left_out.append(_as_shown(" ".join(str(outcome).split()), shown))
+        counts, where = opened.source.counts, _as_shown(opened.source.name, shown)
+        left_out += [f"{where}: {counts[name]} {name}" for name in INCOMPLETE if counts.get(name)]
         return {
             "schema": "edgetree.part/1",
             "frames": records,

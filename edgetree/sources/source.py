@@ -23,9 +23,13 @@ REMARKS: Final = frozenset(
         "transforms that are no rotation",
         "end missing",
         "ended early",
+        "broken video frames",
     }
 )
 """Names in `FrameSource.counts` that are remarks, on frames that were used or on the source."""
+
+INCOMPLETE: Final = frozenset({"ended early", "broken video frames"})
+"""Remarks on a source of which a part could not be read."""
 
 
 class FrameSource(Protocol):

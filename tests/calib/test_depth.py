@@ -89,13 +89,13 @@ def test_a_depth_file_round_trips_to_a_millimetre(tmp_path: Path) -> None:
 def test_unsupported_images_are_described(tmp_path: Path) -> None:
     path = tmp_path / "grey.png"
     cv2.imwrite(str(path), np.zeros((4, 4), np.uint8))
-    with pytest.raises(DepthError, match=r"grey\.png: 1 channel\(s\) of uint8, expected one"):
+    with pytest.raises(DepthError, match=r"grey\.png holds integers of 8 bits, whose unit cannot"):
         read_depth(path)
     cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint16))
-    with pytest.raises(DepthError, match=r"grey\.png: 3 channel\(s\) of uint16, expected one"):
+    with pytest.raises(DepthError, match=r"grey\.png has shape \(4, 4, 3\) of uint16: expected"):
         read_depth(path)
     np.save(tmp_path / "many.npy", np.zeros((2, 4, 4, 1), np.float32))
-    with pytest.raises(DepthError, match=r"many\.npy: 0 channel\(s\) of float32, expected one"):
+    with pytest.raises(DepthError, match=r"many\.npy has shape \(2, 4, 4, 1\) of float32"):
         read_depth(tmp_path / "many.npy")
 
 
@@ -122,9 +122,10 @@ def test_16_bit_values_are_multiplied_by_the_scale(
 
 
 @pytest.mark.parametrize("name", ["depth.tiff", "depth.npy"])
-def test_floats_are_metres_whatever_the_scale(tmp_path: Path, name: str) -> None:
+def test_floats_are_metres_unless_a_scale_is_given(tmp_path: Path, name: str) -> None:
     save(tmp_path / name, METRES)
-    assert read_depth(tmp_path / name, 0.5).tolist() == [[0.0, METRES[0, 1]], [0.0, 0.0]]
+    assert read_depth(tmp_path / name).tolist() == [[0.0, METRES[0, 1]], [0.0, 0.0]]
+    assert read_depth(tmp_path / name, 0.5).tolist() == [[0.0, METRES[0, 1] / 2], [0.0, 0.0]]
     save(tmp_path / name, METRES[..., None])
     assert read_depth(tmp_path / name).shape == (2, 2)
 
@@ -147,9 +148,9 @@ def save(path: Path, values: np.ndarray) -> None:
         assert cv2.imwrite(str(path), values)
 
 
-@pytest.mark.parametrize("scale", [0.0, -0.001, math.nan])
+@pytest.mark.parametrize("scale", [0.0, -0.001, math.nan, math.inf, 1e300, 1e-300])
 def test_invalid_scales_are_rejected(tmp_path: Path, scale: float) -> None:
-    with pytest.raises(DepthError, match="expected metres per step, above 0"):
+    with pytest.raises(DepthError, match="expected metres per unit, 1e-06 to 1000"):
         read_depth(tmp_path / "depth.png", scale)
 
 

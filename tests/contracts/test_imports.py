@@ -25,8 +25,9 @@ READS_BAGS = {
     "edgetree.sources.bags.decoding",
     "edgetree.sources.bags.mcap_file",
     "edgetree.sources.bags.ros1_file",
+    "edgetree.sources.bags.video_packets",
 }
-BAG_PACKAGES = {"rosbags", "mcap", "mcap_protobuf", "zstandard", "lz4"}
+BAG_PACKAGES = {"rosbags", "mcap", "mcap_protobuf", "zstandard", "lz4", "av"}
 # Modules that are imported when a file of their kind is opened, and need its package at once.
 FILE_KINDS = {"edgetree.sources.bags.mcap_file", "edgetree.sources.bags.ros1_file"}
 MAY_IMPORT = {

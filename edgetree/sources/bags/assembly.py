@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import calib
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
-from edgetree.frames.rig import DepthReading
+from edgetree.frames.rig import DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
 from edgetree.sources.bags.camera_info import CameraInfos
 from edgetree.sources.bags.depth_alignment import DepthAlignment, View
@@ -41,17 +41,15 @@ class Assembly:
     Args:
         path: The recording.
         streams: Its topics.
-        depth_scale_m: Metres per unit of the depth; None for the default of its type.
+        rig: Unit, kind and correction of the depth, and the camera of a range that has none.
         counts: Where missing poses and unusable pictures are counted.
 
     Attributes:
         first_error: Why the first picture that cannot be decoded cannot; empty if there is none.
     """
 
-    def __init__(
-        self, path: Path, streams: Streams, depth_scale_m: float | None, counts: Counter[str]
-    ) -> None:
-        self._path, self._streams, self._scale_m = path, streams, depth_scale_m
+    def __init__(self, path: Path, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
+        self._path, self._streams, self._rig = path, streams, rig
         self._counts = counts
         self._said: set[str] = set()
         self._tree = TransformTree()
@@ -160,10 +158,19 @@ class Assembly:
             self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
         reading = None
         if depth is not None:
-            reading = metres_from_array(depth, self._scale_m, f"depth of {self._streams.depth}")
+            camera = self._camera_of_range(own, colour)
+            name = f"depth of {self._streams.depth}"
+            reading = metres_from_array(depth, self._rig.depth_convention, name, camera)
             if colour is not None and own is not None and pair.depth is not None:
                 reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp)
         return None if leading is None else leading.camera, reading
+
+    def _camera_of_range(self, own: View | None, colour: View | None) -> calib.PinholeCamera | None:
+        """The camera of a range image: its own, or that of the colour, or that of the rig."""
+        if own is None or self._rig.depth_kind == "depth":
+            return None
+        shared = colour.camera if colour is not None and colour.size_px == own.size_px else None
+        return own.camera or shared or self._rig.camera_for(*own.size_px)
 
     def _view(self, picture: Picture | None, values: NDArray[Any] | None) -> View | None:
         if picture is None or values is None:

@@ -125,7 +125,7 @@ def _bytes(data: Any) -> NDArray[np.uint8]:
 
 
 def _camera_info(message: Any, header: SimpleNamespace) -> SimpleNamespace:
-    region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
     return SimpleNamespace(
         header=header,
         width=int(message.width),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
+from edgetree.frames.rig import Rig
 from edgetree.sources.bags.assembly import Assembly
 from edgetree.sources.bags.messages import stamp_ns
 from edgetree.sources.bags.pairing import Pair, Pairing, Picture, StampCheck
@@ -32,6 +34,7 @@ def open_recording(
     topics: Mapping[str, str] | None = None,
     depth_scale_m: float | None = None,
     modality: Modality = "both",
+    rig: Rig | None = None,
     loop: bool = False,
 ) -> FrameSource:
     """Open a ROS 1 bag, a ROS 2 bag or an MCAP file. Needs the extra `record`.
@@ -47,10 +50,12 @@ def open_recording(
             files, which are one recording in the order of time.
         topics: Names of topics by role: "colour", "depth", "camera" and "depth_camera" (of type
             CameraInfo), and "imu". The others are found by type, encoding and frame.
-        depth_scale_m: Metres per unit of the depth. By default what a recording of RealSense's SDK
-            says, otherwise 0.001 for 16UC1 and 1 for 32FC1.
+        depth_scale_m: Metres per unit of the depth. By default that of `rig`, or what a recording
+            of RealSense's SDK says, or 0.001 for 16UC1 and 1 for 32FC1.
         modality: "both" for all images there are, "rgb" for colour alone, "depth" for depth alone,
             which is then not registered to the colour.
+        rig: Unit, kind and correction of the depth, and the camera of a range whose camera is not
+            in the recording.
         loop: Whether to start again at the end, for ever. Numbers and time stamps go on rising.
 
     Returns:
@@ -61,7 +66,9 @@ def open_recording(
             topic is meant.
         MissingPackage: Rosbags is not installed.
     """
-    recording = _Recording(path, topics or {}, depth_scale_m, modality)
+    rig = rig or Rig()
+    rig = rig if depth_scale_m is None else replace(rig, depth_scale_m=depth_scale_m)
+    recording = _Recording(path, topics or {}, rig, modality)
     return Looped(recording) if loop else recording
 
 
@@ -72,16 +79,16 @@ class _Recording(BaseSource):
         self,
         path: Path,
         topics: Mapping[str, str],
-        depth_scale_m: float | None,
+        rig: Rig,
         modality: Modality,
     ) -> None:
         super().__init__(str(path))
-        self._path, self._scale_m = path, depth_scale_m
+        self._path, self._rig = path, rig
         self._first_error = ""
         with Bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
-            if self._scale_m is None:
-                self._scale_m = bag.depth_unit_m
+            if self._rig.depth_scale_m is None:
+                self._rig = replace(self._rig, depth_scale_m=bag.depth_unit_m)
             for name in bag.missing:
                 self.counts["files missing"] += 1
                 _log.warning("recording %s: its file %s is missing", path, name)
@@ -104,7 +111,7 @@ class _Recording(BaseSource):
         self._first_error = ""
         try:
             with Bag(self._path) as bag:
-                one_pass = _Pass(bag, self._streams, self._scale_m, self.counts)
+                one_pass = _Pass(bag, self._streams, self._rig, self.counts)
                 for pair in one_pass.pairs():
                     if self._is_closed.is_set():
                         return
@@ -144,7 +151,7 @@ class _Recording(BaseSource):
             ("IMU", streams.imu),
         ):
             _log.info("recording %s: %s is %s", self.name, role, topic or "not there")
-        if streams.depth is not None and self._scale_m is None:
+        if streams.depth is not None and self._rig.depth_scale_m is None:
             _log.info(
                 "recording %s: 16-bit depth is read as millimetres, 32-bit depth as metres, as the"
                 " unit is not in the recording",
@@ -158,18 +165,16 @@ class _Pass:
     Args:
         bag: The open recording.
         streams: Its topics.
-        scale_m: Metres per unit of the depth; None for the default.
+        rig: Unit, kind and correction of the depth.
         counts: Where what is left out is counted.
 
     Attributes:
         assembly: Makes frames of the pairs.
     """
 
-    def __init__(
-        self, bag: Bag, streams: Streams, scale_m: float | None, counts: Counter[str]
-    ) -> None:
+    def __init__(self, bag: Bag, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
         self._bag, self._streams, self._counts = bag, streams, counts
-        self.assembly = Assembly(bag.path, streams, scale_m, counts)
+        self.assembly = Assembly(bag.path, streams, rig, counts)
         self._roles = {streams.colour: "colour", streams.depth: "depth"}
         images = [name for name in (streams.colour, streams.depth) if name is not None]
         self._stamps = {role: StampCheck() for role in ("colour", "depth")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats import cameras, datasets, models, page, pictures, recordings, signing, tables
+from formats import cameras, datasets, models, page, pictures, recordings, signing, tables, videos
 
 FORMATS = (
     cameras.FORMATS
@@ -13,4 +13,5 @@ FORMATS = (
     | recordings.FORMATS
     | signing.FORMATS
     | tables.FORMATS
+    | videos.FORMATS
 )
