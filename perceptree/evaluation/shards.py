@@ -45,6 +45,7 @@ class SplitSource:
         fold: Which fold of a dataset with several.
         entire_tree: Whether the labels of entire trees are read.
         certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
+        crowds_as_trees: Whether run lengths with iscrowd 1 are trees also without keypoints.
     """
 
     data: str
@@ -52,6 +53,7 @@ class SplitSource:
     fold: int | None
     entire_tree: bool
     certain_m: float | None = None
+    crowds_as_trees: bool = False
 
     @contextmanager
     def opened(self) -> Iterator[Dataset]:
@@ -61,7 +63,13 @@ class SplitSource:
             DatasetError: If there are no labels of the split, or they are not COCO.
             StoreError: If a file at the URL cannot be read.
         """
-        options = (self.split, self.fold, self.entire_tree, self.certain_m)
+        options = (
+            self.split,
+            self.fold,
+            self.entire_tree,
+            self.certain_m,
+            self.crowds_as_trees,
+        )
         if not is_url(self.data):
             yield read_dataset(self.data, *options)
             return

@@ -18,6 +18,7 @@ from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset, read_labels
 from perceptree.data.entries import EntryError
 from perceptree.data.layouts import LabelFile, find_splits
+from perceptree.data.tally import Tally
 
 Progress = Callable[[int], object]
 Faults = list[tuple[str, str]]
@@ -33,7 +34,7 @@ class SplitSummary:
         split: "train", "val" or "test".
         labels: Path of the label file.
         frames: Number of frames.
-        trees: Number of labelled trees.
+        trees: Number of labelled trees that count; ignored regions do not.
         has_masks: Whether every tree has a mask.
         has_keypoints: Whether any tree has a labelled keypoint.
         has_depth: Whether every frame has an 8-bit depth image.
@@ -77,12 +78,18 @@ class Check:
     """
 
     def __init__(
-        self, directory: Path | str, fold: int | None = None, entire_tree: bool = False
+        self,
+        directory: Path | str,
+        fold: int | None = None,
+        entire_tree: bool = False,
+        crowds_as_trees: bool = False,
     ) -> None:
         self._findings = Findings()
         self._splits: dict[str, Dataset] = {}
         for labels in find_splits(Path(directory), fold, entire_tree):
-            self._splits[labels.split] = read_labels(labels, partial(self._wrong_entry, labels))
+            self._splits[labels.split] = read_labels(
+                labels, partial(self._wrong_entry, labels), crowds_as_trees=crowds_as_trees
+            )
 
     def _wrong_entry(self, labels: LabelFile, error: EntryError) -> None:
         self._findings.add("entry", f"{labels.path.name}: {error}")
@@ -100,10 +107,7 @@ class Check:
         signatures: dict[str, list[Signature | None]] = {}
         with ThreadPoolExecutor() as pool:
             for split, dataset in self._splits.items():
-                for number, x, y in dataset.outside:
-                    self._findings.add(
-                        "keypoint_outside", f"{split} annotation {number} at {x:.6g}, {y:.6g}"
-                    )
+                self._tell(split, dataset.tally)
                 found = signatures[split] = []
                 for frames in _batches(dataset.frames):
                     for faults, signature in pool.map(_check_frame, frames):
@@ -113,6 +117,15 @@ class Check:
         compared_by = self._compare(signatures)
         summaries = tuple(_summary(split, data) for split, data in self._splits.items())
         return Report(summaries, self._findings.listed(), compared_by)
+
+    def _tell(self, split: str, tally: Tally) -> None:
+        """Record what the reader left out."""
+        for kind, number in tally.left_out:
+            self._findings.add(kind, f"{split} annotation {number}")
+        for number, x, y in tally.outside:
+            self._findings.add(
+                "keypoint_outside", f"{split} annotation {number} at {x:.6g}, {y:.6g}"
+            )
 
     def _compare(self, signatures: dict[str, list[Signature | None]]) -> str:
         """Look for leakage by scene if every frame names its scene, otherwise by image."""
@@ -148,7 +161,7 @@ def _summary(split: str, dataset: Dataset) -> SplitSummary:
         split,
         str(dataset.labels.path),
         len(dataset.frames),
-        sum(len(frame.trees) for frame in dataset.frames),
+        sum(not tree.ignored for frame in dataset.frames for tree in frame.trees),
         dataset.has_masks,
         dataset.has_keypoints,
         dataset.has_depth,
