@@ -23,7 +23,8 @@ class Limits:
         text_values: Values in such a file: numbers, texts, lists and maps.
         text_nesting: Levels of lists and maps in such a file, and in the records inside of model
             files, checkpoints and training states.
-        image_pixels: Pixels of a picture or depth map, width times height.
+        image_pixels: Pixels of a picture, depth map or mask, width times height. Reading one may
+            take 5 bytes of memory for each of these pixels: pictures of deep pixels may have fewer.
         model_memory_bytes: Memory that opening a model file on the CPU may take. Running it is not
             limited. On Linux alone.
 

@@ -79,7 +79,7 @@ def calibrate(
         raise InputError(f"{out} is a folder: expected the name of a file to write")
     if out.suffix.lower() != ".json":
         raise InputError(f"--out is {out}: expected a file name ending in .json")
-    printed_board, frames = parse_board(board), open_source(source)
+    printed_board, frames = parse_board(board), open_source(source, upright=False)
     depth_frames = None if depth is None else open_source(source, depth)
     left_out = LeftOut(strict=not source.is_dir())
     with output_folder(out.parent):

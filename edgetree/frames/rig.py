@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
+from basetree.files.reading import orientation_note
 from edgetree.frames.frame import Frame
 
 _MILLIMETRE_M = 0.001
@@ -125,7 +126,7 @@ class Rig:
             hint = "; pass --depth-camera if another camera took it" if self.camera else ""
             raise InputError(
                 f"depth {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px, like"
-                f" image {image}{hint}"
+                f" image {image}{orientation_note(image) if image else ''}{hint}"
             )
         return DepthReading(depth_m, fault)
 

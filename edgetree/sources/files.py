@@ -15,13 +15,14 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from basetree.files.reading import is_image_file, open_video
 from calib import CameraError
 from edgetree.frames.frame import Frame
-from edgetree.frames.images import read_image
+from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
 from edgetree.sources.source import BaseSource, FrameSource, readable
 
@@ -31,9 +32,17 @@ _DEFAULT_RATE_HZ: Final = 15.0
 
 
 def open_source(
-    path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
+    path: Path,
+    depth: Path | None = None,
+    *,
+    depth_only: bool = False,
+    rig: Rig | None = None,
+    upright: bool = True,
 ) -> FrameSource:
     """Open an image, a folder of images, or a video.
+
+    With depth or a camera the pixels are those that the camera stored. Without both, they are
+    turned as the EXIF orientation or the video says, as viewers show them. A warning tells which.
 
     Args:
         path: An image, a folder of images, or a video.
@@ -41,6 +50,8 @@ def open_source(
             image of a folder.
         depth_only: Whether `path` contains depth images instead of colour images.
         rig: Cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+        upright: Whether pictures without depth and camera are turned. False to find a camera's
+            intrinsics, which are those of its stored pixels.
 
     Returns:
         The frames. Images are read during iteration, which may raise `InputError` for a frame and
@@ -50,8 +61,9 @@ def open_source(
         InputError: a file is missing or has another format.
     """
     rig = rig or Rig()
+    upright = upright and rig.camera is None
     if path.is_dir():
-        return _open_folder(path, depth, depth_only, rig)
+        return _open_folder(path, depth, depth_only, rig, upright)
     if not path.exists():
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
@@ -59,12 +71,12 @@ def open_source(
     if path.suffix.lower() in IMAGE_SUFFIXES or is_image_file(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
-        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig)
+        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
     if depth is not None or depth_only:
         raise InputError(
             f"source {path} is not an image: expected an image or a folder, as depth is used"
         )
-    return _VideoFrames(path)
+    return _VideoFrames(path, upright)
 
 
 def open_image_files(
@@ -80,7 +92,7 @@ def open_image_files(
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(f"{len(files)} images", files, depth_only, rig)
+    return _ImageFrames(f"{len(files)} images", files, depth_only, rig, rig.camera is None)
 
 
 def open_files(
@@ -161,7 +173,9 @@ def _is_image(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
-def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> FrameSource:
+def _open_folder(
+    folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
+) -> FrameSource:
     """The images of a folder, sorted by name, with depth images of the same stems."""
     paths = sorted(filter(_is_image, folder.iterdir()))
     if not paths:
@@ -173,7 +187,7 @@ def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -
         present = {path.name for path in depth.iterdir()}
         depths = [depth / name for name in depth_names(paths, present, str(folder), str(depth))]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
-    return _ImageFrames(str(folder), files, depth_only, rig)
+    return _ImageFrames(str(folder), files, depth_only, rig, upright)
 
 
 class _ImageFrames(BaseSource):
@@ -185,10 +199,12 @@ class _ImageFrames(BaseSource):
         files: Sequence[tuple[str, Path, Path | None]],
         depth_only: bool,
         rig: Rig,
+        upright: bool,
     ) -> None:
         super().__init__(name)
         self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
+        self._upright, self._has_told = upright, False
 
     def __iter__(self) -> Iterator[Frame]:
         wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
@@ -198,27 +214,38 @@ class _ImageFrames(BaseSource):
         name, path, depth = files
         if self._depth_only:
             return Frame(name, path, None, *self._rig.read_depth(depth or path))
-        image = read_image(path)
+        image = self._pixels(path, self._upright and depth is None)
         if depth is None:
             return Frame(name, path, image)
         size_px = (image.shape[1], image.shape[0])
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
+    def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:
+        """Read an image; the first one that states an orientation is told."""
+        picture = read_colour(path)
+        if picture.orientation != 1 and not self._has_told:
+            self._has_told = True
+            _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
+        return np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
+
 
 class _VideoFrames(BaseSource):
     """The frames of a video."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, upright: bool) -> None:
         super().__init__(str(path))
-        self._path = path
-        with closing(_Capture(path)) as capture:
+        self._path, self._upright = path, upright
+        with closing(_Capture(path, upright)) as capture:
+            turn_deg = round(capture.video.get(cv2.CAP_PROP_ORIENTATION_META))
+            if turn_deg:
+                _log.warning("%s: %s", path, _video_words(turn_deg, upright))
             frames = int(capture.video.get(cv2.CAP_PROP_FRAME_COUNT))
             if not capture.video.grab():
                 raise InputError(f"video {path} has no frame that OpenCV can read: expected one")
         self.count = frames if frames > 0 else None
 
     def __iter__(self) -> Iterator[Frame]:
-        with closing(_Capture(self._path)) as capture:
+        with closing(_Capture(self._path, self._upright)) as capture:
             number = 0
             while not self._is_closed.is_set():
                 found, image = capture.video.read()
@@ -231,11 +258,18 @@ class _VideoFrames(BaseSource):
                 number += 1
 
 
+def _video_words(turn_deg: int, upright: bool) -> str:
+    taken = "turned upright, as no camera is given"
+    if not upright:
+        taken = "taken as stored, those of the camera"
+    return f"to be turned by {turn_deg} degrees: the frames are {taken}"
+
+
 class _Capture:
     """An open video."""
 
-    def __init__(self, path: Path) -> None:
-        self.video = open_video(path)
+    def __init__(self, path: Path, upright: bool) -> None:
+        self.video = open_video(path, upright=upright)
         # The suffix is checked too, because OpenCV opens even text files as videos.
         if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
             raise InputError(

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from basetree.files.limits import current_limits
-from basetree.files.picture_size import picture_size
 from basetree.files.reading import decode_image
 
 IMAGE_TYPES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -99,7 +98,7 @@ def decode_picture(message: Any, topic: str) -> NDArray[Any]:
     """
     try:
         picture = _decode_raw(message) if hasattr(message, "encoding") else _decode_packed(message)
-    except (ValueError, cv2.error, struct.error) as error:
+    except (ValueError, InputError, cv2.error, struct.error) as error:
         raise InputError(f"an image of topic {topic} cannot be decoded: {error}") from error
     if picture is None:
         raise InputError(
@@ -142,7 +141,6 @@ def _decode_packed(message: Any) -> NDArray[Any] | None:
     data = message.data.tobytes()
     if "compressedDepth" in form:
         return _decode_depth(data, form)
-    _check_pixels(*(picture_size(data) or (1, 1)))
     is_depth = form.startswith(tuple(_DEPTH))
     return decode_image(data, cv2.IMREAD_UNCHANGED if is_depth else cv2.IMREAD_COLOR)
 
@@ -153,7 +151,6 @@ def _decode_depth(data: bytes, form: str) -> NDArray[Any] | None:
         raise ValueError(f"its format is {form!r}, expected compressedDepth with PNG")
     start = data.find(_PNG, 0, 64)
     png = data[max(start, 0) :]
-    _check_pixels(*(picture_size(png) or (1, 1)))
     values = decode_image(png, cv2.IMREAD_UNCHANGED)
     if values is None or values.ndim != 2 or values.dtype != np.uint16:
         return None

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.arrays import UInt8
+from basetree.errors import InputFileError
+from basetree.files.picture_size import most_picture_bytes
 from basetree.files.reading import decode_image
+from basetree.files.regular import read_regular
 from perceptree.data.coco import FrameRecord
 
 Signature = NDArray[np.uint64]
@@ -70,17 +73,18 @@ def signature(image: UInt8) -> Signature:
 def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
     """Return the decoded image, or None and "missing" or "broken"."""
     try:
-        data = path.read_bytes()
+        data = read_regular(path, most_picture_bytes())
     except OSError:
         return None, "missing"
-    if not data or not _is_whole(data):
-        return None, "broken"
-    image = decode_image(data, flag)
+    try:
+        image = decode_image(data, flag) if _is_whole(data) else None
+    except InputFileError:
+        image = None
     return (None, "broken") if image is None else (image, "")
 
 
 def _is_whole(data: bytes) -> bool:
-    """Return whether a JPEG or PNG has its end marker; OpenCV 4 does not report truncation."""
+    """Return whether a JPEG has its end marker; OpenCV 4 does not report truncation."""
     if data.startswith(b"\xff\xd8"):
         return data.rfind(b"\xff\xd9") > len(data) // 2
-    return not data.startswith(b"\x89PNG") or b"IEND" in data[-64:]
+    return True
