@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from basetree.files.picture_size import picture_size
-from basetree.files.reading import read_image
+from basetree.files.reading import orientation_note, read_image
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
 _SAMPLED_IMAGES = 3
@@ -34,7 +34,7 @@ class Pictures:
     stands for the file in it that has the same name.
 
     Attributes:
-        notes: Messages for the user about depth images found by name.
+        notes: Messages for the user about turned images, and depth images found by name.
     """
 
     def __init__(self, labels: LabelFile, images: list[dict[str, Any]]) -> None:
@@ -46,11 +46,10 @@ class Pictures:
         self._labels = labels
         self._path_of = _find_path_rule(labels, names)
         self._depth8: _DepthRule | None = None
-        self.notes: tuple[str, ...] = ()
+        there = [path for name in names if os.path.isfile(path := self._path_of(name))]
+        self.notes: tuple[str, ...] = _orientation_notes(there)
         if not any(image.get(field) for image in sampled for field in _DEPTH_FIELDS):
-            self._find_depth(
-                [path for name in names if os.path.isfile(path := self._path_of(name))]
-            )
+            self._find_depth(there)
 
     @cached_property
     def _places(self) -> list[Path]:
@@ -110,16 +109,28 @@ class Pictures:
                 image = read_image(first, cv2.IMREAD_UNCHANGED)
                 if image is not None and image.dtype == np.uint8 and image.ndim == 2:
                     self._depth8 = rule
-                    self.notes = (
+                    self.notes += (
                         f"depth images found, such as {first.relative_to(self._root.parent)}; their"
                         " depth encoding is unknown: the grey values are used unchanged",
                     )
                 else:
-                    self.notes = (
+                    self.notes += (
                         f"depth is left out: {first.relative_to(self._root.parent)} is not an 8-bit"
                         " single-channel image",
                     )
                 return
+
+
+def _orientation_notes(pictures: list[Path]) -> tuple[str, ...]:
+    """Say how pictures are turned if one of these states an EXIF orientation."""
+    stated = ((path, orientation_note(path)) for path in pictures)
+    path, note = next(((path, note) for path, note in stated if note), (None, ""))
+    if path is None:
+        return ()
+    return (
+        f"{path.name} is{note}: pictures are read as stored if that has the labels' size, else"
+        " turned; perceptree data check counts them",
+    )
 
 
 @dataclass(frozen=True)
