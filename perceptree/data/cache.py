@@ -94,6 +94,8 @@ class FrameCache:
             if arrays[name].dtype != kind or arrays[name].shape[1:] != row:
                 raise ValueError(f"{name} has another form")
         frames, trees, ignored = len(self._images), len(self._boxes), len(self._ignored)
+        if not isinstance(self.has_masks, bool):
+            raise ValueError("has_masks is not true or false")
         if len(self.names) != frames or len(self._checksums) != frames:
             raise ValueError("names and checksums are not those of the images")
         if not len(self._keypoints) == len(self._mask_rects) == trees:

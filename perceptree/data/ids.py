@@ -33,8 +33,10 @@ class Ids:
             shared, times = Counter(keys).most_common(1)[0]
             raise DatasetError(f"{times} {kind} have the id {shared}, expected unique ids")
         self.are_places = not all(isinstance(key, int) for key in keys)
-        numbers = range(len(keys)) if self.are_places else keys
-        self._numbers: dict[Hashable, int] = dict(zip(keys, numbers, strict=True))
+        self._numbers: dict[Hashable, int] = {
+            key: key if isinstance(key, int) and not self.are_places else place
+            for place, key in enumerate(keys)
+        }
         self._by_value: dict[Hashable, int | None] | None = None
 
     def find(self, value: Any) -> int | None:

@@ -78,7 +78,10 @@ def read_log(out: Path) -> list[dict[str, Any]]:
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             if number == len(lines):
                 break  # a killed run may leave an incomplete last line
-            raise CheckpointError(f"{path}: line {number} is no log entry of a training") from error
+            raise CheckpointError(
+                f"{path}: line {number} is no log entry of a training, expected an object with a"
+                " step"
+            ) from error
     return [entries[key] for key in sorted(entries)]
 
 

@@ -166,8 +166,8 @@ def test_one_box_gets_the_keypoints_that_fit_it_best(export: Path) -> None:
     def change(masks: Content, points: Content) -> None:
         masks["annotations"] = [one for one in masks["annotations"] if one["id"] != 2]
         masks["annotations"][1]["bbox"] = [40, 8, 88, 52]
-        for one in points["annotations"][1:3]:  # both posts of the second picture
-            one["keypoints"][0] += 40 * (one["id"] == 2)
+        listed = points["annotations"][1]["keypoints"]  # the other post of the second picture
+        listed[:12:3] = [x + 40 for x in listed[:12:3]]
 
     folder = write_both(export, change)
     dataset = read_dataset(folder, "train")
