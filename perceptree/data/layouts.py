@@ -53,9 +53,9 @@ _OTHER_LABELS = re.compile("captions|panoptic|stuff")
 _NOT_LABELS = re.compile(
     "info|results?|predictions|detections|settings|statistics|metrics|report|log"
 )
-# Names without a split: the folder's name gives the split, else it is "test".
-_PLAIN_STEMS = frozenset(
-    ("_annotations.coco", "annotations", "instances", "instances_default", "labels", "coco")
+# Names of these words have no split: the folder's name gives it, else it is "test".
+_PLAIN_WORDS = frozenset(
+    ("annotations", "coco", "instances", "person", "keypoints", "default", "labels")
 )
 _MAX_LISTED = 8
 _PATTERNS = ("*.json", "*/*.json", "fold*/annotations/*.json")
@@ -118,7 +118,7 @@ def _recognise(path: Path) -> tuple[str, int | None, bool] | None:
     if any(_NOT_LABELS.fullmatch(word) or _OTHER_LABELS.fullmatch(word) for word in stem):
         return None
     splits = _splits_in(Path(path.name))
-    if not splits and path.stem in _PLAIN_STEMS:
+    if not splits and stem and _PLAIN_WORDS.issuperset(stem):
         splits = _splits_in(path.parent) or {"test"}
     if len(splits) != 1:
         return None

@@ -77,7 +77,9 @@ def test_one_export_says_what_a_training_needs(export: Path, call: Call, tmp_pat
         assert len(errors.strip().splitlines()) == 1
 
 
-def write_both(export: Path, change: Callable[[Content, Content], None]) -> Path:
+def write_both(
+    export: Path, change: Callable[[Content, Content], None], subset: str = "Train"
+) -> Path:
     """Write masks and keypoints to two files, as CVAT does."""
     masks = json.loads((export / "train_RGB.json").read_text())
     points = json.loads((export / "train_RGB.json").read_text())
@@ -92,8 +94,8 @@ def write_both(export: Path, change: Callable[[Content, Content], None]) -> Path
     change(masks, points)
     folder = export / "annotations"
     folder.mkdir()
-    (folder / "instances_Train.json").write_text(json.dumps(masks))
-    (folder / "person_keypoints_Train.json").write_text(json.dumps(points))
+    (folder / f"instances_{subset}.json").write_text(json.dumps(masks))
+    (folder / f"person_keypoints_{subset}.json").write_text(json.dumps(points))
     return export
 
 
@@ -122,6 +124,14 @@ def test_masks_and_keypoints_of_two_files_are_joined(
         for tree, other in zip(frame.trees, like.trees, strict=True):
             assert (tree.keypoints == other.keypoints).all()
             assert (frame.mask(tree) == like.mask(other)).all()
+
+
+@pytest.mark.parametrize(("subset", "split"), [("default", "test"), ("val2017", "val")])
+def test_two_files_of_any_subset_are_joined(export: Path, subset: str, split: str) -> None:
+    dataset = read_dataset(write_both(export, shuffle, subset), split)
+    assert f"keypoints of person_keypoints_{subset}.json are joined to 9 of 9" in dataset.notes[0]
+    assert dataset.has_masks
+    assert dataset.has_keypoints
 
 
 def test_keypoints_without_a_mask_are_left_out_and_named(export: Path) -> None:
