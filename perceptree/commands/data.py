@@ -11,7 +11,7 @@ import typer
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
 from basetree.program.console import note, print_found, print_json, progress, tell
-from perceptree.commands.options import EntireTree, Fold, Json, check_split
+from perceptree.commands.options import CrowdsAsTrees, EntireTree, Fold, Json, check_split
 
 if TYPE_CHECKING:
     from perceptree.data.check import Report
@@ -33,6 +33,7 @@ def check(
     directory: Directory,
     fold: Fold = None,
     entire_tree: EntireTree = False,
+    crowds_as_trees: CrowdsAsTrees = False,
     as_json: Json = False,
 ) -> None:
     """Find missing and broken files, invalid labels, and leakage between splits.
@@ -41,7 +42,7 @@ def check(
     """
     from perceptree.data.check import Check
 
-    started = Check(directory, fold, entire_tree)
+    started = Check(directory, fold, entire_tree, crowds_as_trees)
     with progress("checking", len(started), shown=not as_json) as bar:
         report = started.run(progress=bar.update)
     print_found(as_json, report.to_dict, lambda: _report_lines(report))
@@ -73,6 +74,7 @@ def show(
     seed: Annotated[int, typer.Option(help="Seed for the choice of frames.")] = 1,
     fold: Fold = None,
     entire_tree: EntireTree = False,
+    crowds_as_trees: CrowdsAsTrees = False,
 ) -> None:
     """Draw pages of labelled frames: boxes, mask outlines, keypoints."""
     import cv2
@@ -92,7 +94,7 @@ def show(
         if split is None
         else [find_labels(directory, split, fold, entire_tree)]
     )
-    datasets = [read_labels(labels) for labels in files]
+    datasets = [read_labels(labels, crowds_as_trees=crowds_as_trees) for labels in files]
     for dataset in datasets:
         for line in dataset.notes:
             note(f"{dataset.labels.split}: {line}")

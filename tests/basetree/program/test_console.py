@@ -37,6 +37,7 @@ def test_every_line_is_printed_as_one_clean_line(
     tell(text)
     print_found(False, dict, lambda: [text])
     log = logging.getLogger("of-a-stranger")
+    log.propagate = False  # pytest's own copy cannot be sent between processes
     handler = LogNotes()
     log.addHandler(handler)
     log.warning("%s", text)
