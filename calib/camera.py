@@ -159,6 +159,30 @@ class PinholeCamera:
             )
         return self._changed(width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
 
+    def binned(self, columns: int, rows: int) -> PinholeCamera:
+        """Return the camera of images whose pixels are `columns` x `rows` pixels of this one.
+
+        What is left at the right and lower edge is cut off.
+
+        Raises:
+            CameraError: If a number is below 1, or larger than the image.
+        """
+        width, height = self.width // max(columns, 1), self.height // max(rows, 1)
+        if min(columns, rows, width, height) < 1:
+            raise CameraError(
+                f"binning is {columns}x{rows}: expected 1x1 or more, and at most the image of"
+                f" {self.width}x{self.height} px"
+            )
+        return self._changed(
+            width=width,
+            height=height,
+            fx=self.fx / columns,
+            fy=self.fy / rows,
+            cx=(self.cx + 0.5) / columns - 0.5,
+            cy=(self.cy + 0.5) / rows - 0.5,
+            focal_std_px=self.focal_std_px / columns,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values; optional fields are left out at their defaults."""
         values = {**asdict(self), "distortion": list(self.distortion)}

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from calib.distortion import FISHEYE, RADTAN, Lens, distort, undistort
 from calib.errors import CameraError
 
-_LARGEST_PX = 100_000
+LARGEST_PX: Final = 100_000
 # Fields of view of any lens, and of usual ones
 _WIDEST_DEG = {RADTAN: 156.0, FISHEYE: 280.0}
 _USUALLY_WIDEST_DEG = {RADTAN: 125.0, FISHEYE: 220.0}
@@ -88,9 +88,9 @@ def check_size(width: int, height: int) -> None:
     """
     if width < 1 or height < 1:
         raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
-    if max(width, height) > _LARGEST_PX:
+    if max(width, height) > LARGEST_PX:
         raise CameraError(
-            f"image size is {width}x{height}: expected at most {_LARGEST_PX} px on each side"
+            f"image size is {width}x{height}: expected at most {LARGEST_PX} px on each side"
         )
 
 

@@ -23,7 +23,7 @@ from calib.files import (
     ros,
     zed,
 )
-from calib.files.fields import Values
+from calib.files.fields import Values, choices_of
 from calib.files.text import parse
 
 _log = logging.getLogger(__name__)
@@ -86,7 +86,8 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
         if isinstance(values, Mapping) and (cameras := form.find(values)):
             chosen = _choose(path, cameras, name)
             try:
-                camera = form.build(cameras[chosen])
+                with choices_of(_of_camera(path, chosen)):
+                    camera = form.build(cameras[chosen])
             except CameraError as error:
                 raise CameraError(f"{_of_camera(path, chosen)}: {error}") from error
             for line in camera.unusual_values():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
+from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
@@ -181,9 +182,11 @@ def _measure(
 
 
 def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | None:
-    """A note if the rig's camera was scaled."""
+    """A note if the size of the rig's camera is not that of its file."""
     if given is used or given is None or used is None:
         return None
+    if isinstance(given, SizelessCamera):
+        return f"the camera is taken for the image's size, {used.width}x{used.height} px"
     return (
         f"the camera is for {given.width}x{given.height} px:"
         f" scaled to {used.width}x{used.height} px, like the image"
