@@ -154,6 +154,7 @@ def measure_frame(
     need = _needed(frame, camera)
     measurements = None
     if frame.depth_m is not None and camera is not None:
+        rig.tell_lens()
         measurements = _measure(frame, frame.depth_m, camera, found, rig, settings)
     return FrameResult(frame, found, measurements, need, camera, _scaling(rig.camera, camera))
 
