@@ -10,7 +10,10 @@ from calib.errors import CameraError
 from calib.plausibility import LARGEST_PX
 
 _log = logging.getLogger(__name__)
-_FARTHEST_CENTRE = 0.2  # of the sides: farther off, the camera is for another size
+# Scales of pictures, and how far the principal point may then be from their middle, relative to it.
+_AS_THEY_ARE = 0.2
+_SCALES = ((1, 2), (2, 1), (1, 3), (3, 1), (1, 4), (4, 1), (2, 3), (3, 2))
+_SCALED = 0.08
 
 
 class SizelessCamera(PinholeCamera):
@@ -21,11 +24,13 @@ class SizelessCamera(PinholeCamera):
     """
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """Return the camera of images of `width` x `height` px: with this size and nothing scaled.
+        """Return the camera of images of `width` x `height` px.
+
+        If the principal point is near their middle, nothing is scaled. If it is that of images
+        2, 3, 4 or 1.5 times as large or as small, the camera is scaled. A warning says which.
 
         Raises:
-            CameraError: If the camera cannot be for images of this size, because its principal
-                point is far from their middle.
+            CameraError: If the principal point is the middle of no such image.
         """
         return _of_size(self, width, height)
 
@@ -56,20 +61,32 @@ def sizeless_camera(
 
 @lru_cache(maxsize=16)
 def _of_size(camera: SizelessCamera, width: int, height: int) -> PinholeCamera:
-    for name, centre, side in (("cx", camera.cx, width), ("cy", camera.cy, height)):
-        if abs(centre + 0.5 - side / 2) > _FARTHEST_CENTRE * side:
-            raise CameraError(
-                f"{name} is {centre:g} px and the file of the camera gives no image size, so that"
-                f" it is not for images of {width}x{height} px: expected images of the size that"
-                " it was calibrated with; add the size to the file"
-            )
-    sized = PinholeCamera(
-        width,
-        height,
+    off = (width / (2 * camera.cx + 1), height / (2 * camera.cy + 1))
+    scale = (1, 1) if _near(off, 1, _AS_THEY_ARE) else None
+    scale = scale or next((s for s in _SCALES if _near(off, s[0] / s[1], _SCALED)), None)
+    if scale is None:
+        raise CameraError(
+            f"the principal point is ({camera.cx:g}, {camera.cy:g}) px and the file of the camera"
+            f" gives no image size, so that it is not for images of {width}x{height} px: expected"
+            " images of the size that it was calibrated with; add the size to the file"
+        )
+    times, parts = scale
+    full = PinholeCamera(
+        *(round(width * parts / times), round(height * parts / times)),
         *(camera.fx, camera.fy, camera.cx, camera.cy),
         camera.distortion,
         camera.distortion_model,
     )
-    for line in sized.unusual_values():
+    how = "as it is" if times == parts else f"scaled by {times}/{parts}"
+    _log.warning(
+        "the camera without a size is taken %s for pictures of %dx%d px, because its principal"
+        " point is near the middle of %dx%d px",
+        *(how, width, height, full.width, full.height),
+    )
+    for line in full.unusual_values():
         _log.warning("%s", line)
-    return sized
+    return full.scaled(width, height)
+
+
+def _near(off: tuple[float, float], scale: float, tolerance: float) -> bool:
+    return all(abs(value / scale - 1) <= tolerance for value in off)

@@ -156,17 +156,14 @@ def camera(
 ) -> PinholeCamera:
     """Create a camera; zero distortion is dropped, and so are the zeros after its last term.
 
-    Without a size the camera is for the pictures as they are, and a warning says so.
+    Without a size the camera takes that of the pictures, and a warning says so.
     """
     fx, fy, cx, cy = focal_and_centre_px
     lens = _shortened(terms) if model == RADTAN else tuple(terms)
     if size_px is not None:
         return PinholeCamera(*size_px, fx, fy, cx, cy, lens, model)
     found = sizeless_camera(fx, fy, cx, cy, lens, model)
-    tell_choice(
-        "it gives no image size: the camera is taken for the size of the pictures, and is not"
-        " scaled"
-    )
+    tell_choice("it gives no image size: that of the pictures is taken")
     return found
 
 

@@ -183,11 +183,9 @@ def _measure(
 
 
 def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | None:
-    """A note if the size of the rig's camera is not that of its file."""
-    if given is used or given is None or used is None:
+    """A note if the rig's camera was scaled; one without a size tells it itself."""
+    if given is used or given is None or used is None or isinstance(given, SizelessCamera):
         return None
-    if isinstance(given, SizelessCamera):
-        return f"the camera is taken for the image's size, {used.width}x{used.height} px"
     return (
         f"the camera is for {given.width}x{given.height} px:"
         f" scaled to {used.width}x{used.height} px, like the image"

@@ -297,7 +297,7 @@ BROKEN = [
     (ROS.replace("data: [526.69", "values: [526.69"), None, "camera_matrix is None: expected a"),
     (OPENCV.replace("fisheye_model: 0", "fisheye_model: 7"), None, "fisheye_model is 7"),
     # text in no known format
-    ("", None, "no known camera format, expected one of calib.camera/1, ROS camera_info, OpenCV"),
+    ("", None, "no known camera format, expected one of calib.camera/1, ROS camera_info, ROS"),
     ("just words", None, "no known camera format"),
     ("width: 640\nheight: 480\n", None, "no known camera format"),
     ("a: [1, 2", None, "not YAML"),

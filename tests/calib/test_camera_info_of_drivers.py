@@ -155,10 +155,20 @@ def test_a_size_of_0_is_that_of_the_pictures(
     assert camera.scaled(648, 484) == expected
 
 
-def test_pictures_of_another_size_are_refused(tmp_path: Path) -> None:
+def test_pictures_of_a_simple_scale_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     camera = load_camera(info(tmp_path, image_width=0, image_height=0))
-    with pytest.raises(CameraError, match="not for images of 1280x960 px"):
-        camera.scaled(1280, 960)
+    expected = load_camera(info(tmp_path)).scaled(1280, 960)
+    assert camera.scaled(1280, 960) == expected
+    assert "is taken scaled by 2/1 for pictures of 1280x960 px" in caplog.text
+
+
+@pytest.mark.parametrize("size", [(1280, 480), (800, 600), (64, 48)])
+def test_pictures_of_another_size_are_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    camera = load_camera(info(tmp_path, image_width=0, image_height=0))
+    with pytest.raises(CameraError, match=f"not for images of {size[0]}x{size[1]} px"):
+        camera.scaled(*size)
 
 
 @pytest.mark.parametrize("centre", [-5.0, 0.0, 1e300])
