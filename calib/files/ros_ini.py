@@ -74,6 +74,9 @@ def build(values: Values) -> PinholeCamera:
     The format does not name the model. camera_calibration writes five or more terms of its usual
     lenses, and four of fisheye lenses.
     """
+    for word, name in _FIELDS.items():
+        if values.get(name) == []:
+            raise CameraError(f"there are no numbers below {word!r}: expected some")
     terms = numbers(values, "distortion_coefficients")
     if len(terms) == _FISHEYE_TERMS and any(terms):
         raise CameraError(
