@@ -318,6 +318,6 @@ def test_broken_and_contradictory_files_get_one_line(
 
 def test_binary_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / "image.png"
-    path.write_bytes(b"\x89PNG\xff\xfe")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
     with pytest.raises(InputFileError, match=r"image\.png: not a text file, expected a camera"):
         load_camera(path)
