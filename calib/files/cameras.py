@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from basetree.errors import InputFileError, short_line
 from basetree.files.json import json_text
+from basetree.files.limits import current_limits
 from basetree.files.reading import read_text
 from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
@@ -105,6 +106,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
                     camera = form.build(cameras[chosen])
             except CameraError as error:
                 raise CameraError(f"{_of_camera(path, chosen)}: {error}") from error
+            _check_pixels(_of_camera(path, chosen), camera)
             for line in camera.unusual_values():
                 _log.warning("%s: %s", short_line(_of_camera(path, chosen)), line)
             return camera
@@ -112,6 +114,16 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
         raise InputFileError(f"{path}: {hint}")
     known = ", ".join(form.title for form in _FORMATS)
     raise InputFileError(f"{path}: no known camera format, expected one of {known}")
+
+
+def _check_pixels(place: str, camera: PinholeCamera) -> None:
+    """Check that pictures of this camera could be read."""
+    largest = current_limits().image_pixels
+    if camera.width * camera.height > largest:
+        raise CameraError(
+            f"{place}: the image size is {camera.width}x{camera.height}: expected at most {largest}"
+            " pixels, the limit image_pixels"
+        )
 
 
 def _of_camera(path: Path, name: str) -> str:
