@@ -56,7 +56,8 @@ def sizeless_camera(
                 " image"
             )
         sides.append(max(1, round(2 * centre + 1)))
-    return SizelessCamera(*sides, fx, fy, cx, cy, distortion, distortion_model)
+    width, height = sides
+    return SizelessCamera(width, height, fx, fy, cx, cy, distortion, distortion_model)
 
 
 @lru_cache(maxsize=16)

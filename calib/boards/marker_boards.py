@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -84,7 +84,8 @@ class CharucoBoard(Settings, error=InputError):
             (N, 1, 2) corners in OpenCV's px, (N, 1) their numbers, and the number of markers.
         """
         _, detector = _charuco(self, self.legacy)
-        corners, ids, marker_px, marker_ids = detector.detectBoard(grey)
+        found: tuple[Any, ...] = detector.detectBoard(grey)
+        corners, ids, marker_px, marker_ids = found
         if ids is None and marker_ids is not None and not self.legacy:
             _, detector = _charuco(self, True)
             corners, ids, _, _ = detector.detectBoard(
@@ -157,7 +158,8 @@ class AprilGrid(Settings, error=InputError):
         """Return the tags: (N, 4, 2) corners in OpenCV's px, (N,) numbers, bits of their border."""
         best: tuple[Float, Int64, int] = np.zeros((0, 4, 2)), np.zeros(0, np.int64), _BORDERS[0]
         for border in _BORDERS:
-            corners, ids, _ = _tag_detector(self.dictionary, border).detectMarkers(grey)
+            found: tuple[Any, ...] = _tag_detector(self.dictionary, border).detectMarkers(grey)
+            corners, ids, _ = found
             if ids is None:
                 continue
             numbers = np.asarray(ids, np.int64).ravel()
@@ -180,7 +182,7 @@ class AprilGrid(Settings, error=InputError):
 def _misfit_px(layout_m: Float, corners_px: Float) -> float:
     """Return the median distance of corners from a plane with this layout; infinite without one."""
     flat_m, flat_px = layout_m.reshape(-1, 2), corners_px.reshape(-1, 2)
-    homography, _ = cv2.findHomography(flat_m, flat_px, cv2.LMEDS)
+    homography: Any = cv2.findHomography(flat_m, flat_px, cv2.LMEDS)[0]
     if homography is None:
         return np.inf
     fitted = cv2.perspectiveTransform(flat_m[:, None], homography)[:, 0]

@@ -43,7 +43,7 @@ def lens_of(field: str, name: Any, terms: Sequence[float]) -> tuple[str, tuple[f
             not 0.
     """
     plain = _plain(name)
-    model = _MODELS.get(plain)
+    model = None if plain is None else _MODELS.get(plain)
     if model == FISHEYE:
         extra = terms[_FISHEYE_TERMS:]
         return FISHEYE, tuple(terms if any(extra) else terms[:_FISHEYE_TERMS])

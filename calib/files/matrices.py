@@ -8,7 +8,7 @@ from typing import Any
 from calib.camera import PinholeCamera
 from calib.files.fields import Values, camera, matrix, number, numbers, size, tell_choice
 
-_NUMBER = r"[-+]?\d[\d.]{0,40}(?:[eE][-+]?\d{1,3})?"
+_NUMBER = r"[-+]?\d{1,40}(?:\.\d{0,40})?(?:[eE][-+]?\d{1,3})?"
 _ROW = re.compile(rf"\s*\[*\s*({_NUMBER})[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})[\s,;]*\]*[\s,]*")
 
 

@@ -140,7 +140,7 @@ def _stereo_projections(
         )
     except cv2.error as error:
         raise CameraError("the eyes cannot be rectified: expected a pair of cameras") from error
-    return left, right
+    return np.asarray(left, np.float64), np.asarray(right, np.float64)
 
 
 def _of_pair(stereo: Values, name: str, size: str) -> float:
