@@ -26,7 +26,9 @@ _SIZES = (
     ("image_width", "image_height"),
     ("image_Width", "image_Height"),  # OpenCV 2
     ("width", "height"),
+    ("imageWidth", "imageHeight"),
 )
+_SIZE_LISTS = ("resolution", "Size", "image_size", "imageSize", "img_size")
 _GROUPS = (8, 12)  # of OpenCV's terms: rational lenses, thin prisms; then tilted sensors
 _MOST_SKEW_PX = 0.1  # a point of the image moves by less than this
 
@@ -107,14 +109,14 @@ def flag(values: Values, name: str) -> bool:
 def size(values: Values) -> tuple[int, int] | None:
     """Return width and height in px; None if the size is not given, or is 0 as drivers write it.
 
-    Read from image_width and image_height, width and height, resolution, or Size.
+    Read from image_width and image_height, width and height, resolution, Size, or other names.
     """
     sizes = set()
     for width, height in _SIZES:
         if width in values or height in values:
             sizes.add((number(values, width), number(values, height)))
-    for name in ("resolution", "Size"):
-        if name in values:
+    for name in _SIZE_LISTS:
+        if name in values and not isinstance(values[name], Mapping):
             resolution = numbers(values, name)
             if len(resolution) != 2:
                 raise CameraError(f"{name} is {list(resolution)}: expected width and height")
@@ -163,7 +165,10 @@ def camera(
     if size_px is not None:
         return PinholeCamera(*size_px, fx, fy, cx, cy, lens, model)
     found = sizeless_camera(fx, fy, cx, cy, lens, model)
-    tell_choice("it gives no image size: that of the pictures is taken")
+    tell_choice(
+        "it gives no image size: that of the pictures is taken, or without pictures"
+        f" {found.width}x{found.height} px, twice the principal point"
+    )
     return found
 
 

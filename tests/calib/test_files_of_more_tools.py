@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from camera_files import assert_recognised, assert_refused, write
 
@@ -172,6 +174,37 @@ def test_the_terms_of_an_oak_camera(tmp_path: Path) -> None:
 def test_three_rows_of_numbers(tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture) -> None:
     assert load_camera(write(tmp_path, "k.csv", text)).scaled(800, 600) == PLAIN
     assert "taken for a camera without distortion" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("size", "is_known"),
+    [
+        ({"image_size": [800, 600]}, True),
+        ({"imageSize": [800, 600]}, True),
+        ({"img_size": "800 600"}, True),
+        ({"imageWidth": 800, "imageHeight": 600}, True),
+        ({"width": 0, "height": 0, "image_size": [800, 600]}, True),
+        ({"image_size": {"a": 1}}, False),
+        ({}, False),
+    ],
+)
+def test_the_size_by_its_other_names(tmp_path: Path, size: dict[str, Any], is_known: bool) -> None:
+    rows = [LEFT[:3], LEFT[3:6], LEFT[6:]]
+    text = json.dumps({"mtx": rows, "dist": [list(LENS)], **size})
+    camera = load_camera(write(tmp_path, "calibration.json", text))
+    assert (type(camera) is PinholeCamera) == is_known
+    assert camera.scaled(800, 600) == CAMERA
+
+
+@pytest.mark.parametrize("ending", [".xml", ".yml", ".json"])
+def test_pairs_that_opencv_writes(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"stereo{ending}"
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, values in (("M1", LEFT), ("D1", LENS), ("M2", RIGHT), ("D2", LENS)):
+        file.write(name, np.array(values).reshape(3 if name[0] == "M" else 1, -1))
+    file.release()
+    assert load_camera(path, name="M1").scaled(800, 600) == CAMERA
+    assert load_camera(path, name="right").scaled(800, 600) == RIGHT_CAMERA
 
 
 def test_a_skew_that_nothing_sees_is_dropped(tmp_path: Path) -> None:
