@@ -14,9 +14,10 @@ from calib.errors import CameraError
 from calib.plausibility import Intrinsics, check_camera, check_size, unusual_values
 
 _ASPECT_TOLERANCE = 0.01
-_TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
+_TERM_COUNTS = {RADTAN: (0, 4, 5, 8, 12, 14), FISHEYE: (4,)}
 _TERM_NAMES = {
-    RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
+    RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3), 8 (and k4 k5 k6), 12 (and s1 s2 s3 s4) or 14 (and"
+    " tau x, tau y)",
     FISHEYE: "4 (k1 k2 k3 k4)",
 }
 
@@ -35,8 +36,9 @@ class PinholeCamera:
         fy: Focal length along y in px.
         cx: Principal point's x in px, OpenCV's convention.
         cy: Principal point's y in px, OpenCV's convention.
-        distortion: Distortion coefficients in OpenCV's order: none, 4, 5 or 8 of k1, k2, p1, p2,
-            k3, k4, k5, k6 for "radtan"; k1, k2, k3, k4 for "fisheye".
+        distortion: Distortion coefficients in OpenCV's order: none, 4, 5, 8, 12 or 14 of k1, k2,
+            p1, p2, k3, k4, k5, k6, s1 to s4 (thin prism), tau x and tau y (tilted sensor, rad)
+            for "radtan"; k1, k2, k3, k4 for "fisheye".
         distortion_model: "radtan" (Brown-Conrady, as `cv2.projectPoints`) or "fisheye"
             (Kannala-Brandt, as `cv2.fisheye`).
         focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
@@ -191,6 +193,30 @@ class PinholeCamera:
                 distortion=_quarter_turned(camera.distortion, camera.distortion_model),
             )
         return camera
+
+    def binned(self, columns: int, rows: int) -> PinholeCamera:
+        """Return the camera of images whose pixels are `columns` x `rows` pixels of this one.
+
+        What is left at the right and lower edge is cut off.
+
+        Raises:
+            CameraError: If a number is below 1, or larger than the image.
+        """
+        width, height = self.width // max(columns, 1), self.height // max(rows, 1)
+        if min(columns, rows, width, height) < 1:
+            raise CameraError(
+                f"binning is {columns}x{rows}: expected 1x1 or more, and at most the image of"
+                f" {self.width}x{self.height} px"
+            )
+        return self._changed(
+            width=width,
+            height=height,
+            fx=self.fx / columns,
+            fy=self.fy / rows,
+            cx=(self.cx + 0.5) / columns - 0.5,
+            cy=(self.cy + 0.5) / rows - 0.5,
+            focal_std_px=self.focal_std_px / columns,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values; optional fields are left out at their defaults."""

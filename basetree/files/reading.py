@@ -5,9 +5,11 @@ The only place that gives paths to OpenCV: it crashes on names that are not UTF-
 
 from __future__ import annotations
 
+import codecs
 import errno
 import hashlib
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,9 +30,18 @@ from basetree.files.regular import open_regular, read_regular
 
 _SIGNATURE_BYTES = 16
 
+_MARKS = (  # that of UTF-32 begins with that of UTF-16
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_CONTROLS = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
+
 
 def read_text(path: Path, expected: str) -> str:
-    """Read a small UTF-8 text file.
+    """Read a small text file; `decode_text` says of which encodings.
 
     Args:
         path: The file.
@@ -50,10 +61,31 @@ def read_text(path: Path, expected: str) -> str:
             f"{path}: cannot be read ({error.strerror}{limit}), expected {expected}"
         ) from error
     try:
-        text = data.decode("utf-8-sig")
+        text = decode_text(data)
     except UnicodeDecodeError as error:
         raise InputFileError(f"{path}: not a text file, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decode_text(data: bytes) -> str:
+    """Decode a text: UTF-8, UTF-16 or UTF-32 with a byte order mark, or Windows-1252.
+
+    The last is taken where the text is not UTF-8 and has no control characters. ASCII is the same
+    in all encodings of eight bits, so that numbers and names are right although a comment in
+    another of them is not.
+
+    Raises:
+        UnicodeDecodeError: If the data is none of these.
+    """
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return data.decode(encoding)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        if _CONTROLS.search(data):
+            raise
+        return data.decode("cp1252", errors="replace")
 
 
 def file_sha256(path: Path) -> str:

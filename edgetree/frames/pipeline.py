@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
+from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
@@ -161,6 +162,7 @@ def measure_frame(
     need = _needed(frame, camera)
     measurements = None
     if frame.depth_m is not None and camera is not None:
+        rig.tell_lens()
         measurements = _measure(frame, frame.depth_m, camera, found, rig, settings)
     scaling, turning = _scaling(rig.camera, camera), _turning(frame, rig)
     return FrameResult(frame, found, measurements, need, camera, scaling, turning)
@@ -208,8 +210,8 @@ def _turning(frame: Frame, rig: Rig) -> str | None:
 
 
 def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | None:
-    """A note if the rig's camera was scaled."""
-    if given is used or given is None or used is None:
+    """A note if the rig's camera was scaled; one without a size tells it itself."""
+    if given is used or given is None or used is None or isinstance(given, SizelessCamera):
         return None
     return (
         f"the camera is for {given.width}x{given.height} px:"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +17,8 @@ from basetree.files.reading import orientation_note
 from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
 from edgetree.frames.turning import Turn, check_rotation, turn_of
+
+_log = logging.getLogger(__name__)
 
 
 class DepthReading(NamedTuple):
@@ -97,6 +101,14 @@ class Rig:
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
 
+    def tell_lens(self) -> None:
+        """Warn, once for a camera, if its lens bends the pixels in which the depth is given.
+
+        Depth of another camera is moved into these pixels, and needs no warning.
+        """
+        if self.camera is not None and self.camera.distortion and self.depth_camera is None:
+            _warn_of_lens(self.camera)
+
     def completed(self, frame: Frame, width: int, height: int) -> Frame:
         """The frame with this camera and vertical, where its source does not know them.
 
@@ -112,6 +124,8 @@ class Rig:
         if up_camera is None and self.up_camera is not None:
             up_camera = unit_vector(self.up_camera)
         camera = frame.camera or self.camera_for(width, height)
+        if frame.camera is None and frame.depth_m is not None:
+            self.tell_lens()
         return replace(frame, camera=camera, up_camera=up_camera)
 
     def read_depth(
@@ -167,6 +181,23 @@ class Rig:
         assert camera is not None
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
         return calib.register_depth(depth_m, depth_camera, camera, transform)
+
+
+@lru_cache(maxsize=64)
+def _warn_of_lens(camera: calib.PinholeCamera) -> None:
+    size = np.array([camera.width, camera.height])
+    corners_px = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size
+    rays = calib.pixels_to_rays(camera, corners_px)[:, :2]
+    straight_px = rays * [camera.fx, camera.fy] + [camera.cx + 0.5, camera.cy + 0.5]
+    moved_px = float(np.linalg.norm(straight_px - corners_px, axis=1).max())
+    terms = ", ".join(f"{term:g}" for term in camera.distortion)
+    _log.warning(
+        "the camera has a lens (%s %s) that moves the corners of the picture by up to %.3g px, and"
+        " the depth is taken to be in the same unrectified pixels; if picture and depth are"
+        " rectified, as from the ZED SDK, give the rectified camera, without distortion (of a ZED"
+        " factory file the name that ends in _RECTIFIED)",
+        *(camera.distortion_model, terms, moved_px),
+    )
 
 
 def _depth_camera_of(
