@@ -20,6 +20,7 @@ ABSENT = (
     "numba",
     "pycocotools",
     "cryptography",
+    "av",
     "rosbags",
     "small_gicp",
     "ray",

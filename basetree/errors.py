@@ -27,6 +27,7 @@ __all__ = [
     "MissingPackage",
     "SettingsError",
     "install_hint",
+    "one_line",
     "short_line",
 ]
 
@@ -81,19 +82,25 @@ def install_hint(*extras: str) -> str:
     return f"""pip install ".[{",".join(extras)}]" in the project's folder"""
 
 
-def short_line(text: str) -> str:
-    r"""Return a text on one line of at most 2000 characters that a terminal can show.
+def one_line(text: str) -> str:
+    r"""Return a text on one line that does nothing to a terminal.
 
+    Line breaks, control characters, and marks that turn the direction of writing become spaces.
     Bytes of file names that are not UTF-8 are kept; streams print them as `\udcff`.
 
     Examples:
-        >>> short_line("a line\nand another")
+        >>> one_line("a line\nand another")
         'a line and another'
     """
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def short_line(text: str) -> str:
+    """Return `one_line` of a text, at most 2000 characters long."""
     if len(text) > _LONGEST_MESSAGE:
         start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]
         text = f"{start} ... {text[-_END_OF_MESSAGE:]}"
-    return text if text.isprintable() else "".join(map(_shown, text))
+    return one_line(text)
 
 
 def _shown(character: str) -> str:

@@ -43,7 +43,10 @@ from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpo
 SAMPLES = 4
 DISK = "256m"
 RUNNING_S = 1800
-GROWING = re.compile(r"(state\.pt|log\.jsonl|tfevents\S*|progress\S*|\.frame-cache/.*)$")
+GROWING = re.compile(
+    r"(state\.pt|log\.jsonl|tfevents\S*|progress\S*|\.frame-cache/.*"
+    r"|[^/]+\.\d+\.(jsonl|csv|geojson)|unfinished_[^/]+)$"  # of runs of `edgetree live` before
+)
 TEMPORARY = re.compile(r"/?\.[^/]*\.part(/|$)")
 # Also inside the header of a checkpoint: JSON in JSON, padded with spaces.
 TIMES = re.compile(

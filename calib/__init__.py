@@ -9,8 +9,10 @@ from basetree.deprecation import moved_names
 from calib.boxes import box_iou
 from calib.camera import PinholeCamera
 from calib.depth import (
+    DepthConvention,
     DepthEncoding,
     DepthFailure,
+    DepthKind,
     DepthReport,
     check_depth,
     decode_depth,
@@ -51,9 +53,11 @@ __all__ = [
     "CameraError",
     "CocoLabels",
     "CocoRle",
+    "DepthConvention",
     "DepthEncoding",
     "DepthError",
     "DepthFailure",
+    "DepthKind",
     "DepthReport",
     "DepthScale",
     "DepthScaleFailure",

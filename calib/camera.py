@@ -14,9 +14,10 @@ from calib.errors import CameraError
 from calib.plausibility import Intrinsics, check_camera, check_size, unusual_values
 
 _ASPECT_TOLERANCE = 0.01
-_TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
+_TERM_COUNTS = {RADTAN: (0, 4, 5, 8, 12, 14), FISHEYE: (4,)}
 _TERM_NAMES = {
-    RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
+    RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3), 8 (and k4 k5 k6), 12 (and s1 s2 s3 s4) or 14 (and"
+    " tau x, tau y)",
     FISHEYE: "4 (k1 k2 k3 k4)",
 }
 
@@ -35,8 +36,9 @@ class PinholeCamera:
         fy: Focal length along y in px.
         cx: Principal point's x in px, OpenCV's convention.
         cy: Principal point's y in px, OpenCV's convention.
-        distortion: Distortion coefficients in OpenCV's order: none, 4, 5 or 8 of k1, k2, p1, p2,
-            k3, k4, k5, k6 for "radtan"; k1, k2, k3, k4 for "fisheye".
+        distortion: Distortion coefficients in OpenCV's order: none, 4, 5, 8, 12 or 14 of k1, k2,
+            p1, p2, k3, k4, k5, k6, s1 to s4 (thin prism), tau x and tau y (tilted sensor, rad)
+            for "radtan"; k1, k2, k3, k4 for "fisheye".
         distortion_model: "radtan" (Brown-Conrady, as `cv2.projectPoints`) or "fisheye"
             (Kannala-Brandt, as `cv2.fisheye`).
         focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
@@ -159,6 +161,63 @@ class PinholeCamera:
             )
         return self._changed(width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
 
+    def rotated(self, clockwise_deg: int) -> PinholeCamera:
+        """Return the camera of the image turned clockwise.
+
+        Camera coordinates turn about the optical axis: after 90 degrees, x and y of a point are
+        -y and x.
+
+        Args:
+            clockwise_deg: 0, 90, 180 or 270.
+
+        Raises:
+            CameraError: If it is another angle, or the lens is tilted and turned by 90 or 270.
+        """
+        if clockwise_deg not in (0, 90, 180, 270):
+            raise CameraError(f"clockwise_deg is {clockwise_deg}: expected 0, 90, 180 or 270")
+        tilt_rad = self.distortion[12:]
+        if any(tilt_rad) and clockwise_deg not in (0, 180):
+            raise CameraError(
+                f"the lens is tilted by {tilt_rad} rad: expected none, as an image is turned by"
+                f" {clockwise_deg} degrees"
+            )
+        camera = self
+        for _ in range(clockwise_deg // 90):
+            camera = camera._changed(
+                width=camera.height,
+                height=camera.width,
+                fx=camera.fy,
+                fy=camera.fx,
+                cx=camera.height - 1 - camera.cy,
+                cy=camera.cx,
+                distortion=_quarter_turned(camera.distortion, camera.distortion_model),
+            )
+        return camera
+
+    def binned(self, columns: int, rows: int) -> PinholeCamera:
+        """Return the camera of images whose pixels are `columns` x `rows` pixels of this one.
+
+        What is left at the right and lower edge is cut off.
+
+        Raises:
+            CameraError: If a number is below 1, or larger than the image.
+        """
+        width, height = self.width // max(columns, 1), self.height // max(rows, 1)
+        if min(columns, rows, width, height) < 1:
+            raise CameraError(
+                f"binning is {columns}x{rows}: expected 1x1 or more, and at most the image of"
+                f" {self.width}x{self.height} px"
+            )
+        return self._changed(
+            width=width,
+            height=height,
+            fx=self.fx / columns,
+            fy=self.fy / rows,
+            cx=(self.cx + 0.5) / columns - 0.5,
+            cy=(self.cy + 0.5) / rows - 0.5,
+            focal_std_px=self.focal_std_px / columns,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values; optional fields are left out at their defaults."""
         values = {**asdict(self), "distortion": list(self.distortion)}
@@ -203,3 +262,21 @@ def _number(name: str, value: Any) -> float:
         with suppress(OverflowError):
             return float(value)
     raise CameraError(f"camera field {name} is {value!r}: expected a number")
+
+
+def _quarter_turned(terms: tuple[float, ...], model: str) -> tuple[float, ...]:
+    """The terms after a quarter turn clockwise: radial ones stay, directed ones turn along.
+
+    The tangential terms are the vector (p2, p1), the thin prism's (s1, s3) and (s2, s4). A vector
+    (x, y) becomes (-y, x). The angles of a tilted lens are right after two quarter turns alone.
+    """
+    if model != RADTAN or len(terms) < 4:
+        return terms
+    k1, k2, p1, p2, *others = terms
+    radial, prism, tilt = others[:4], others[4:8], others[8:]
+    if prism:
+        s1, s2, s3, s4 = prism
+        prism = [-s3, -s4, s1, s2]
+    if tilt:
+        tilt = [-tilt[1], tilt[0]]
+    return (k1, k2, p2, -p1, *radial, *prism, *tilt)

@@ -27,6 +27,14 @@ _EXPECTED: Final = "a depth scale as JSON"
 _MIN_READINGS, _MIN_TARGETS, _MIN_DISTANCES = 50, 4, 3
 # Ratios: of distances that count as one, of farthest to nearest target, of their readings.
 _SAME_DISTANCE_RATIO, _MIN_DISTANCE_RATIO, _MIN_READING_RATIO = 1.1, 1.5, 1.2
+_RANGES: Final = {
+    "scale": (1e-4, 1e4),
+    "offset_m": (-1000.0, 1000.0),
+    "scale_std": (0.0, 1e4),
+    "offset_std_m": (0.0, 1000.0),
+    "nearest_m": (1e-6, 1e5),
+    "farthest_m": (1e-6, 1e5),
+}
 # Outliers lie more than _OUTLIER_STDS away; a standard deviation is taken as at least _STD_FLOOR.
 _OUTLIER_STDS, _STD_FLOOR = 4.0, 0.002
 
@@ -98,13 +106,15 @@ class DepthScale:
     dropped: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("scale", "scale_std", "offset_std_m", "nearest_m", "farthest_m"):
+        for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
-            least = 0 if name.endswith(("std", "std_m")) else math.ulp(0.0)
-            if not (math.isfinite(value) and value >= least):
-                raise DepthError(f"{name} is {value}: expected a positive number")
-        if not math.isfinite(self.offset_m):
-            raise DepthError(f"offset_m is {self.offset_m}: expected a finite number")
+            if not (math.isfinite(value) and least <= value <= most):
+                raise DepthError(f"{name} is {value}: expected {least:g} to {most:g}")
+        if self.nearest_m > self.farthest_m:
+            raise DepthError(
+                f"nearest_m is {self.nearest_m} and farthest_m {self.farthest_m}: expected the"
+                " nearest first"
+            )
         if not -1 <= self.correlation <= 1:
             raise DepthError(f"correlation is {self.correlation}: expected -1 to 1")
 

@@ -1,7 +1,7 @@
 """Lens distortion of normalised image coordinates (x / z, y / z), and its inverse.
 
-The formulas are OpenCV's: `cv2.projectPoints` (Brown-Conrady with the rational terms) and
-`cv2.fisheye` (Kannala-Brandt).
+The formulas are OpenCV's: `cv2.projectPoints` (Brown-Conrady with the rational terms, thin prisms
+and a tilted sensor) and `cv2.fisheye` (Kannala-Brandt).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ _MAX_ANGLE_RAD = np.radians(89.0)
 _TABLE_SIZE = 512
 _MIN_SLOPE = 1e-3
 _TINY = 1e-12
+_NO_TERMS = (0.0,) * 14
 
 
 class Lens(NamedTuple):
@@ -56,6 +57,7 @@ def distort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
         scale[radius <= _TINY] = 1.0
         return x * scale, y * scale
     _, _, p1, p2 = lens.terms[:4]
+    s1, s2, s3, s4, *tilt_rad = _after_rational(lens.terms)
     squared = x * x + y * y
     radial = _radial(lens.terms, squared).value
     distorted_x = x * radial
@@ -66,6 +68,11 @@ def distort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
     if p1 or p2:
         distorted_y += p1 * (squared + 2 * y * y)
         distorted_y += 2 * p2 * x * y
+    if s1 or s2 or s3 or s4:
+        distorted_x += squared * (s1 + squared * s2)
+        distorted_y += squared * (s3 + squared * s4)
+    if any(tilt_rad):
+        return _mapped(_tilt(*tilt_rad), distorted_x, distorted_y)
     return distorted_x, distorted_y
 
 
@@ -86,7 +93,34 @@ def undistort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
     """
     if lens.model == FISHEYE:
         return _undistort_fisheye(lens.terms, x, y)
+    tilt_rad = _after_rational(lens.terms)[4:]
+    if any(tilt_rad):
+        x, y = _mapped(np.linalg.inv(_tilt(*tilt_rad)), x, y)
     return _undistort_radtan(lens.terms, x, y)
+
+
+def _after_rational(terms: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the terms of thin prisms s1 to s4 and the sensor's tilts tau x and tau y in rad."""
+    return (*terms[8:], *_NO_TERMS)[:6]
+
+
+def _tilt(about_x_rad: float, about_y_rad: float) -> Float:
+    """Return the (3, 3) homography from a sensor across the optical axis to the tilted one."""
+    (sx, sy), (cx, cy) = np.sin([about_x_rad, about_y_rad]), np.cos([about_x_rad, about_y_rad])
+    turned = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ [
+        [1, 0, 0],
+        [0, cx, sx],
+        [0, -sx, cx],
+    ]
+    along = turned[2, 2]
+    return np.asarray([[along, 0, -turned[0, 2]], [0, along, -turned[1, 2]], [0, 0, 1]] @ turned)
+
+
+def _mapped(homography: Float, x: Float, y: Float) -> tuple[Float, Float]:
+    """Apply a homography; points behind the sensor keep a finite place far away."""
+    u, v, w = (row[0] * x + row[1] * y + row[2] for row in homography)
+    w = np.maximum(w, _MIN_SLOPE)
+    return u / w, v / w
 
 
 class _Radial(NamedTuple):
@@ -98,7 +132,7 @@ class _Radial(NamedTuple):
 
 def _radial(terms: tuple[float, ...], squared: Float, with_slope: bool = False) -> _Radial:
     """Evaluate Brown's polynomial of the squared radius over the rational terms' polynomial."""
-    k1, k2, _, _, k3, k4, k5, k6 = (*terms, 0.0, 0.0, 0.0, 0.0)[:8]
+    k1, k2, _, _, k3, k4, k5, k6 = (*terms, *_NO_TERMS)[:8]
     value = 1 + squared * (k1 + squared * (k2 + squared * k3))
     slope = k1 + squared * (2 * k2 + squared * (3 * k3)) if with_slope else value
     if k4 or k5 or k6:
@@ -111,8 +145,10 @@ def _radial(terms: tuple[float, ...], squared: Float, with_slope: bool = False) 
 
 
 def _undistort_radtan(terms: tuple[float, ...], x: Float, y: Float) -> tuple[Float, Float]:
-    """Invert by Newton's method with bounded steps."""
+    """Invert by Newton's method with bounded steps; the sensor's tilt is removed already."""
     p1, p2 = terms[2:4]
+    s1, s2, s3, s4 = _after_rational(terms)[:4]
+    has_prism = bool(s1 or s2 or s3 or s4)
     u, v = np.clip(x, -_MAX_RADTAN, _MAX_RADTAN), np.clip(y, -_MAX_RADTAN, _MAX_RADTAN)
     for _ in range(_MAX_STEPS):
         squared = u * u + v * v
@@ -122,10 +158,16 @@ def _undistort_radtan(terms: tuple[float, ...], x: Float, y: Float) -> tuple[Flo
         residual_y = y - (v * radial + p1 * (squared + 2 * v * v) + 2 * p2 * u * v)
         du_dx = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
         dv_dy = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
-        mixed = slope * u * v + 2 * p1 * u + 2 * p2 * v
-        determinant = np.maximum(du_dx * dv_dy - mixed * mixed, _MIN_DETERMINANT)
-        step_u = (dv_dy * residual_x - mixed * residual_y) / determinant
-        step_v = (du_dx * residual_y - mixed * residual_x) / determinant
+        dv_dx = du_dy = slope * u * v + 2 * p1 * u + 2 * p2 * v
+        if has_prism:
+            residual_x -= squared * (s1 + squared * s2)
+            residual_y -= squared * (s3 + squared * s4)
+            by_x, by_y = 2 * (s1 + 2 * s2 * squared), 2 * (s3 + 2 * s4 * squared)
+            du_dx, dv_dy = du_dx + by_x * u, dv_dy + by_y * v
+            du_dy, dv_dx = du_dy + by_x * v, dv_dx + by_y * u
+        determinant = np.maximum(du_dx * dv_dy - du_dy * dv_dx, _MIN_DETERMINANT)
+        step_u = (dv_dy * residual_x - du_dy * residual_y) / determinant
+        step_v = (du_dx * residual_y - dv_dx * residual_x) / determinant
         u = np.clip(u + np.clip(step_u, -_MAX_STEP, _MAX_STEP), -_MAX_RADTAN, _MAX_RADTAN)
         v = np.clip(v + np.clip(step_v, -_MAX_STEP, _MAX_STEP), -_MAX_RADTAN, _MAX_RADTAN)
         if max(np.abs(step_u).max(initial=0), np.abs(step_v).max(initial=0)) < _CONVERGED:

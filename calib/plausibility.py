@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from calib.distortion import FISHEYE, RADTAN, Lens, distort, undistort
 from calib.errors import CameraError
 
-_LARGEST_PX = 100_000
+LARGEST_PX: Final = 100_000
 # Fields of view of any lens, and of usual ones
 _WIDEST_DEG = {RADTAN: 156.0, FISHEYE: 280.0}
 _USUALLY_WIDEST_DEG = {RADTAN: 125.0, FISHEYE: 220.0}
@@ -25,6 +25,7 @@ _MAX_ASPECT, _USUAL_ASPECT = 4.0, 1.1  # of pixels: fx / fy, or fy / fx
 _FARTHEST_CENTRE, _USUALLY_FARTHEST_CENTRE = 1.0, 0.2
 _MIN_INVERTIBLE = {RADTAN: 0.75, FISHEYE: 0.25}  # the corners of fisheye images show nothing
 _MAX_LENS_RATIO = 4.0
+_MOST_TILT_DEG = 45.0  # of a sensor: the two terms after the twelve of lens and prism
 _MAX_ERROR_PX = 0.5
 _GRID, _RADII = 16, 200
 _TINY = 1e-6
@@ -88,9 +89,9 @@ def check_size(width: int, height: int) -> None:
     """
     if width < 1 or height < 1:
         raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
-    if max(width, height) > _LARGEST_PX:
+    if max(width, height) > LARGEST_PX:
         raise CameraError(
-            f"image size is {width}x{height}: expected at most {_LARGEST_PX} px on each side"
+            f"image size is {width}x{height}: expected at most {LARGEST_PX} px on each side"
         )
 
 
@@ -117,6 +118,12 @@ def check_camera(camera: Intrinsics) -> None:
         raise CameraError(
             f"{name} is {value}: expected a point near the image, {size} px: from"
             f" {-size / 2:g} to {3 * size / 2:g}"
+        )
+    tilt_deg = max((abs(math.degrees(tau)) for tau in camera.lens.terms[12:]), default=0.0)
+    if tilt_deg > _MOST_TILT_DEG:
+        raise CameraError(
+            f"the sensor is tilted by {tilt_deg:.3g} degrees, by the last terms of"
+            f" {camera.lens.terms}: expected at most {_MOST_TILT_DEG:g}"
         )
     if any(camera.lens.terms):
         _check_effect(camera.lens, _effect(camera))
@@ -182,8 +189,8 @@ def _effect(camera: Intrinsics) -> _Effect:
 def _fold_radius(lens: Lens, farthest: float) -> float:
     """Return the undistorted radius from which on the distorted radius no longer grows."""
     radii = np.linspace(0, farthest, _RADII)
-    if lens.model == RADTAN:  # without the tangential terms
-        lens = Lens(RADTAN, (*lens.terms[:2], 0.0, 0.0, *lens.terms[4:]))
+    if lens.model == RADTAN:  # without the tangential terms, thin prisms and the sensor's tilt
+        lens = Lens(RADTAN, (*lens.terms[:2], 0.0, 0.0, *lens.terms[4:8]))
     distorted, _ = distort(lens, radii, np.zeros_like(radii))
     falling = np.flatnonzero(~(np.diff(distorted) > 0))
     return float(radii[falling[0]]) if len(falling) else math.inf

@@ -13,6 +13,8 @@ from basetree.arrays import Float
 from basetree.errors import InputError
 
 _ORTHONORMAL_TOLERANCE = 1e-3
+_FARTHEST_M = 1e8  # more than twice around the Earth
+_MOST_TURN_DEG = 360.0
 # Columns: right, down and forward of a level camera that looks along the machine's x.
 _LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -27,7 +29,8 @@ class RigidTransform:
         translation_m: (3,) origin of the first frame in the second, in metres.
 
     Raises:
-        InputError: If a value has the wrong shape, is not finite, or is not a rotation.
+        InputError: If a value has the wrong shape, is not finite, or is not a rotation, or if a
+            translation is above 100,000 km.
 
     Examples:
         >>> from calib import RigidTransform
@@ -48,6 +51,10 @@ class RigidTransform:
             )
         left, _, right = np.linalg.svd(rotation)
         translation_m = _numbers("translation_m", self.translation_m, (3,)).copy()
+        if np.abs(translation_m).max() > _FARTHEST_M:
+            raise InputError(
+                f"translation_m is {translation_m.tolist()}: expected metres, up to {_FARTHEST_M:g}"
+            )
         for name, values in (("rotation", left @ right), ("translation_m", translation_m)):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
@@ -95,7 +102,13 @@ class RigidTransform:
         Raises:
             InputError: If a value is invalid.
         """
-        angles = np.radians(_numbers("roll_pitch_yaw_deg", (roll, pitch, yaw), (3,)))
+        angles_deg = _numbers("roll_pitch_yaw_deg", (roll, pitch, yaw), (3,))
+        if np.abs(angles_deg).max() > _MOST_TURN_DEG:
+            raise InputError(
+                f"roll, pitch and yaw are {angles_deg.tolist()}: expected degrees, from"
+                f" {-_MOST_TURN_DEG:g} to {_MOST_TURN_DEG:g}"
+            )
+        angles = np.radians(angles_deg)
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
         about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
         about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])

@@ -13,7 +13,11 @@ from typing import Final
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 DEPTH_SUFFIXES: Final = (".png", ".tif", ".tiff", ".npy")
-VIDEO_SUFFIXES: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
+VIDEO_SUFFIXES: Final = (
+    *(".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv"),
+    *(".ts", ".mts", ".m2ts", ".3gp", ".3g2", ".m2v", ".ogv", ".flv", ".asf", ".vob", ".mxf"),
+    *(".h264", ".264", ".h265", ".265", ".hevc", ".mjpg", ".mjpeg", ".ivf", ".y4m", ".dv", ".qt"),
+)
 
 
 def is_utf8(path: Path | str) -> bool:

@@ -6,8 +6,11 @@ The only place that gives paths to OpenCV: it crashes on names that are not UTF-
 from __future__ import annotations
 
 import codecs
+import errno
 import hashlib
+import os
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +19,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
+from basetree.files.headers.exif import UPRIGHT, orientation_words, turned_upright
+from basetree.files.headers.formats import has_known_signature, picture_header
+from basetree.files.headers.header import NotOffered, PictureHeader
+from basetree.files.headers.tiff import as_stored
 from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
-from basetree.files.picture_size import check_picture_size
+from basetree.files.picture_size import check_memory, checked_header, most_picture_bytes
+from basetree.files.regular import open_regular, read_regular
 
-_NOT_TEXT = re.compile(r"[\0-\x08\x0e-\x1a\x1c-\x1f]")
+_SIGNATURE_BYTES = 16
+
+_MARKS = (  # that of UTF-32 begins with that of UTF-16
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_CONTROLS = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 
 
 def read_text(path: Path, expected: str, largest_bytes: int | None = None) -> str:
-    """Read a small text file: UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
+    """Read a small text file; `decode_text` says of which encodings.
 
     Args:
         path: The file.
@@ -36,39 +53,41 @@ def read_text(path: Path, expected: str, largest_bytes: int | None = None) -> st
     """
     largest = largest_bytes or current_limits().text_file_bytes
     try:
-        with path.open("rb") as file:
-            data = file.read(largest + 1)
+        data = read_regular(path, largest)
     except FileNotFoundError as error:
         raise InputFileError(f"{path}: no such file, expected {expected}") from error
     except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a NUL in the path
-        raise InputFileError(f"{path}: not a path ({error}), expected {expected}") from error
-    if len(data) > largest:
-        limit = "" if largest_bytes else ", the limit text_file_bytes"
-        raise InputFileError(f"{path}: larger than {largest} bytes{limit}, expected {expected}")
+        too_large = error.errno == errno.EFBIG and largest_bytes is None
+        limit = ", the limit text_file_bytes" if too_large else ""
+        raise InputFileError(
+            f"{path}: cannot be read ({error.strerror}{limit}), expected {expected}"
+        ) from error
     try:
         text = decode_text(data)
-    except UnicodeError as error:
+    except UnicodeDecodeError as error:
         raise InputFileError(f"{path}: not a text file, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def decode_text(data: bytes) -> str:
-    """Decode UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
+    """Decode a text: UTF-8, UTF-16 or UTF-32 with a byte order mark, or Windows-1252.
+
+    The last is taken where the text is not UTF-8 and has no control characters. ASCII is the same
+    in all encodings of eight bits, so that numbers and names are right although a comment in
+    another of them is not.
 
     Raises:
-        UnicodeError: If it is not text.
+        UnicodeDecodeError: If the data is none of these.
     """
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return data.decode("utf-16")
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return data.decode(encoding)
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8")
     except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
-        if _NOT_TEXT.search(text):
+        if _CONTROLS.search(data):
             raise
-    return text
+        return data.decode("cp1252", errors="replace")
 
 
 def file_sha256(path: Path) -> str:
@@ -77,63 +96,154 @@ def file_sha256(path: Path) -> str:
     Raises:
         OSError: If it cannot be read.
     """
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
-    """Read an image file as `cv2.imread` does, with any name.
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture as its file stores it.
+
+    Attributes:
+        pixels: (H, W) or (H, W, channels) as stored: the pixels of the camera.
+        orientation: EXIF orientation, 1 to 8, as the file states it; 1 if it states none.
+        format_name: Such as "JPEG", as the content says it.
+    """
+
+    pixels: NDArray[Any]
+    orientation: int = 1
+    format_name: str = ""
+
+    def upright(self) -> NDArray[Any]:
+        """The pixels turned as the orientation says, as viewers of pictures show them."""
+        if self.orientation == UPRIGHT:
+            return self.pixels
+        return turned_upright(self.pixels, self.orientation)
+
+
+def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> Picture | None:
+    """Read an image file, with any name.
 
     Args:
         path: File to read.
         flags: Flags of `cv2.imread`.
 
     Returns:
-        (H, W) or (H, W, channels); None if the file cannot be read or is not an image.
+        The stored pixels and the orientation; None if the file cannot be read, is cut off or is
+        not an image.
 
     Raises:
-        InputFileError: If it has more pixels than `Limits.image_pixels`.
+        InputFileError: If it has more pixels than `Limits.image_pixels`, or would take more memory
+            than 5 bytes for each of them, or is of a format that is not read.
     """
-    check_picture_size(path)
     try:
-        data = path.read_bytes()
+        data = read_regular(path, most_picture_bytes())
     except OSError:
         return None
-    return decode_image(data, flags)
+    return decode_picture(data, flags, str(path))
 
 
-def decode_image(
-    data: bytes | NDArray[np.uint8], flags: int = cv2.IMREAD_COLOR
-) -> NDArray[Any] | None:
+def decode_picture(
+    data: bytes | NDArray[np.uint8], flags: int = cv2.IMREAD_COLOR, name: str = "the picture"
+) -> Picture | None:
     """Decode the content of an image file.
 
     Args:
         data: The content.
         flags: Flags of `cv2.imread`.
+        name: Of the picture, for messages.
 
     Returns:
-        (H, W) or (H, W, channels); None if it is not an image.
+        As for `read_picture`.
+
+    Raises:
+        InputFileError: As for `read_picture`.
     """
-    content = np.frombuffer(data, np.uint8)
+    content = data if isinstance(data, bytes) else data.tobytes()
+    header = checked_header(content, name)
+    if header is None:
+        return None
+    check_memory(header, name, *_decoded_kind(header, flags))
+    if flags != cv2.IMREAD_UNCHANGED:
+        flags |= cv2.IMREAD_IGNORE_ORIENTATION
+    if header.format_name == "TIFF" and header.orientation != UPRIGHT:
+        content = as_stored(content)
     try:
-        return cv2.imdecode(content, flags) if content.size else None
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:
         return None
+    return None if pixels is None else Picture(pixels, header.orientation, header.format_name)
+
+
+def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:
+    """Channels and bytes of a value that a picture has when it is decoded with these flags."""
+    if flags == cv2.IMREAD_UNCHANGED:
+        return header.channels, header.sample_bytes
+    channels = 3 if flags & (cv2.IMREAD_COLOR | cv2.IMREAD_ANYCOLOR) else 1
+    return channels, header.sample_bytes if flags & cv2.IMREAD_ANYDEPTH else 1
+
+
+def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
+    """Read the stored pixels of an image file; as `read_picture`, without the orientation."""
+    picture = read_picture(path, flags)
+    return None if picture is None else picture.pixels
+
+
+def decode_image(
+    data: bytes | NDArray[np.uint8], flags: int = cv2.IMREAD_COLOR, name: str = "the picture"
+) -> NDArray[Any] | None:
+    """Decode the stored pixels of an image file's content; as `decode_picture`."""
+    picture = decode_picture(data, flags, name)
+    return None if picture is None else picture.pixels
+
+
+def orientation_note(path: Path) -> str:
+    """Say, for a message about a picture's size, that its orientation was not applied.
+
+    Returns:
+        Words that follow a size; empty if the picture states no orientation.
+    """
+    try:
+        header = picture_header(read_regular(path, most_picture_bytes()))
+    except (OSError, NotOffered):
+        return ""
+    if header is None or header.orientation == UPRIGHT:
+        return ""
+    return f" as stored ({orientation_words(header.orientation)})"
 
 
 def is_image_file(path: Path) -> bool:
-    """Whether OpenCV knows the format of a file; False for names that are not UTF-8."""
-    return is_utf8(path) and bool(cv2.haveImageReader(str(path)))
+    """Whether a file begins like a picture."""
+    try:
+        with open_regular(path) as file:
+            return has_known_signature(file.read(_SIGNATURE_BYTES))
+    except OSError:
+        return False
 
 
-def open_video(path: Path) -> cv2.VideoCapture:
+def open_video(path: Path, *, upright: bool = True) -> cv2.VideoCapture:
     """Open a video file; `isOpened` of the result tells whether OpenCV can read it.
 
+    Args:
+        path: The file.
+        upright: Whether the frames are turned as the file says; otherwise they are as stored.
+
     Raises:
-        InputFileError: If the name is not UTF-8.
+        InputFileError: If the name is not UTF-8, or it is not a regular file.
     """
     if not is_utf8(path):
         raise InputFileError(
             f"{path}: its name is not UTF-8, with which OpenCV cannot open videos: expected"
             " another name"
         )
-    return cv2.VideoCapture(str(path))
+    try:
+        open_regular(path).close()
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror})") from error
+    # FFmpeg takes the beginning of a relative name such as 10:30.mp4 for a protocol, and OpenCV's
+    # reader of picture series takes digits and % for a pattern.
+    has_ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)
+    backend = cv2.CAP_FFMPEG if has_ffmpeg else cv2.CAP_ANY
+    capture = cv2.VideoCapture(os.path.abspath(path), backend)
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(upright))
+    return capture

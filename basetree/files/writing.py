@@ -57,21 +57,21 @@ def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
     Raises:
         UnwritableFile: If the file cannot be created or written. And whatever the block raises.
     """
-    with _errors_naming(path):
-        if path.exists() and not path.is_file():
+    with errors_naming(path):
+        if (path.exists() and not path.is_file()) or is_stream(path):
             raise OSError(errno.EINVAL, _NOT_REGULAR)
         _remove_leftovers_once(os.path.realpath(path.parent))
         temporary, descriptor = _new_file(path.parent, mode)
     stream = io.BufferedWriter(_OutputFile(descriptor, path))
     try:
         yield stream
-        with _errors_naming(path):
+        with errors_naming(path):
             stream.flush()
             os.fsync(descriptor)
             if sys.platform == "win32":  # which cannot rename open files
                 stream.close()
             temporary.replace(path)
-            _sync_folder(path.parent)
+            sync_folder(path.parent)
     finally:
         with suppress(OSError):
             stream.close()
@@ -105,14 +105,15 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     Raises:
         UnwritableFile: If the folder cannot be made. And whatever the block raises.
     """
-    with _errors_naming(path):
+    with errors_naming(path):
         _remove_leftovers_once(os.path.realpath(path.parent))
         temporary, lock = _new_folder(path.parent)
     try:
         yield temporary
-        with _errors_naming(path):
+        with errors_naming(path):
             shutil.rmtree(path, ignore_errors=True)
             temporary.replace(path)
+            sync_folder(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         if lock is not None:
@@ -224,6 +225,20 @@ def _frames_in(folder: Path) -> list[Path]:
     return [path.resolve() for path in folder.iterdir() if path.suffix.lower() in known]
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe or a device, or names a stream of a process, as /dev/stdout does.
+
+    A link elsewhere that leads to one is only a link.
+    """
+    folder = Path(os.path.realpath(path.parent))
+    if folder == Path("/dev") or folder.parts[1:2] == ("proc",):
+        return path.exists()
+    with suppress(OSError):
+        kind = path.lstat().st_mode
+        return not (stat.S_ISREG(kind) or stat.S_ISDIR(kind) or stat.S_ISLNK(kind))
+    return False
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files and folders of killed processes from a folder.
 
@@ -248,12 +263,13 @@ class _OutputFile(io.FileIO):
         self._path = path
 
     def write(self, data: Any) -> int:
-        with _errors_naming(self._path):
+        with errors_naming(self._path):
             return super().write(data)
 
 
 @contextmanager
-def _errors_naming(path: Path) -> Iterator[None]:
+def errors_naming(path: Path) -> Iterator[None]:
+    """Raise errors of the system in the block as `UnwritableFile`, which names the path."""
     try:
         yield
     except OSError as error:
@@ -338,7 +354,7 @@ def _remove_if_left(path: Path) -> None:
             os.close(descriptor)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Write a folder's entries to the disk, where the system can."""
     if sys.platform == "win32":
         return

@@ -7,6 +7,8 @@ import time
 from contextlib import suppress
 from typing import TextIO
 
+from basetree.errors import one_line
+
 _TERMINAL_S, _LINES_S = 0.5, 60.0
 
 
@@ -63,7 +65,7 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Print a line beside the progress."""
-        self._write(("\x1b[2K" if self._terminal else "") + text + "\n")
+        self._write(("\x1b[2K" if self._terminal else "") + one_line(text) + "\n")
 
     def line(self) -> str:
         """What is shown: frames, rate, cost and time left."""

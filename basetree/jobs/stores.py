@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 from typing import Protocol
 
 from basetree.files import writing
+from basetree.files.regular import read_regular
 from basetree.jobs.errors import FULL, StoreError, full_store
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/+(?=[^/])")
@@ -104,11 +105,8 @@ class LocalStore:
 
     def read(self, name: str) -> bytes:
         """Return the content of a file."""
-        path = self.folder / name
-        with _named(path, "read"):
-            if path.exists() and not path.is_file():
-                raise StoreError(f"{path}: is not a regular file; expected one")
-            return path.read_bytes()
+        with _named(self.folder / name, "read"):
+            return read_regular(self.folder / name)
 
     def remove(self, name: str) -> None:
         """Remove a file, if it exists."""

@@ -1,14 +1,22 @@
-"""Output to the terminal: notes and progress bars on stderr, JSON on stdout."""
+"""Output to the terminal: notes and progress bars on stderr, results on stdout.
+
+All lines of all programs, and what they log, are printed here. They may quote names and texts of
+strangers, so that each is cleaned: see `basetree.errors.one_line`.
+"""
 
 from __future__ import annotations
 
+import io
 import json
+import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar, cast
 
 import typer
+
+from basetree.errors import one_line, short_line
 
 _T = TypeVar("_T")
 
@@ -26,9 +34,45 @@ class _NoBar:
 
 
 def note(text: str) -> None:
-    """Print one line on stderr, if it can be written."""
+    """Print one line of at most 2000 characters on stderr, if it can be written."""
     with suppress(OSError):
-        typer.echo(text, err=True)
+        typer.echo(short_line(text), err=True)
+
+
+def tell(text: object) -> None:
+    """Print one line on stdout."""
+    typer.echo(one_line(str(text)))
+
+
+class LogNotes(logging.Handler):
+    """Prints what is logged as notes."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one record."""
+        note(record.getMessage())
+
+
+class _BarStream(io.TextIOBase):
+    """The stderr of this moment, for progress bars, which end with its terminal and not before."""
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            sys.stderr.flush()
+
+    def isatty(self) -> bool:
+        return sys.stderr.isatty()
+
+    def fileno(self) -> int:
+        return sys.stderr.fileno()
+
+
+BAR_STREAM = cast("TextIO", _BarStream())
+"""Where progress bars go."""
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -44,7 +88,7 @@ def print_found(
         print_json(record())
         return
     for line in lines():
-        typer.echo(line)
+        tell(line)
 
 
 @contextmanager
@@ -56,7 +100,7 @@ def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress
     if not (shown and sys.stderr.isatty()):
         yield _NoBar()
         return
-    with typer.progressbar(length=steps, label=label, file=sys.stderr) as bar:
+    with typer.progressbar(length=steps, label=label, file=BAR_STREAM) as bar:
         yield bar
 
 
@@ -73,7 +117,7 @@ def counter(label: str, *, shown: bool = True) -> Callable[[int, int], None]:
         if not (shown and sys.stderr.isatty()):
             return
         if bar is None:
-            bar = typer.progressbar(length=total, label=label, file=sys.stderr).__enter__()
+            bar = typer.progressbar(length=total, label=label, file=BAR_STREAM).__enter__()
         bar.update(done - bar.pos)
         if done == total:
             bar.render_finish()
@@ -92,5 +136,5 @@ def track(
     if not (shown and sys.stderr.isatty()):
         yield from items
         return
-    with typer.progressbar(items, length=count, label=label, file=sys.stderr) as bar:
+    with typer.progressbar(items, length=count, label=label, file=BAR_STREAM) as bar:
         yield from bar

@@ -11,7 +11,7 @@ from types import FrameType
 
 @contextmanager
 def interrupt_afterwards() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM to the end of the block; a second one interrupts at once.
+    """Delay Ctrl-C, SIGTERM and SIGHUP to the end of the block; a second one interrupts at once.
 
     Signals that end the process without a handler are not delayed. Has no effect outside the main
     thread, where Python delivers no signals.
@@ -20,7 +20,8 @@ def interrupt_afterwards() -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
+    found = {number: signal.getsignal(number) for number in numbers if number is not None}
     handlers = {number: handler for number, handler in found.items() if callable(handler)}
 
     def remember(number: int, frame: FrameType | None) -> None:

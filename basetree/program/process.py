@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import _thread
 import io
+import logging
 import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -15,24 +17,29 @@ from typing import Any, NoReturn, TextIO
 
 import typer
 
+from basetree.errors import short_line
+from basetree.program.console import LogNotes, note
+
 _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 128 + signal.SIGINT
-_TERMINATED = 128 + signal.SIGTERM
+_ENDING = tuple(
+    signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # SIGHUP comes when a connection drops or a terminal is closed; Windows has none
 _AGAIN_S, _MOST_DELAYS = 0.05, 200  # until an interrupt during an import comes again
 
 
 def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> NoReturn:
     r"""Run a command line and exit.
 
-    SIGTERM ends it as Ctrl-C does, by `KeyboardInterrupt`; both wait for an import in progress. An
-    error with an attribute `exit_code` is meant for the user, and so are errors of the operating
-    system such as a full disk: they are printed as one line on stderr. Any other error is a bug and
-    shows its traceback. If the reader of stdout ends, as `head` does, the process ends too, without
-    a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
+    SIGTERM and SIGHUP end it as Ctrl-C does, by `KeyboardInterrupt`; all wait for an import in
+    progress. An error with an attribute `exit_code` is meant for the user, and so are errors of the
+    operating system such as a full disk: they are printed as one line on stderr. Any other error is
+    a bug and shows its traceback. If the reader of stdout ends, as `head` does, the process ends
+    too, without a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
 
     Exit codes: what `run` returns; 1 if nobody reads stdout, 2 if stdout is closed or cannot be
-    written, 130 for Ctrl-C, 143 for SIGTERM.
+    written, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP.
 
     Args:
         name: Name of the program, for messages.
@@ -40,7 +47,9 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         resume: What an interrupted command tells the user to do.
     """
     stdout = _open_streams(name)
-    with _interruptible() as is_terminated:
+    logging.lastResort = LogNotes(logging.WARNING)
+    sys.excepthook = _show_bug
+    with _interruptible() as ending_signal:
         try:
             code = run() or 0
         except (KeyboardInterrupt, typer.Abort):
@@ -50,8 +59,8 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         except Exception as error:  # noqa: BLE001 raised again if it is a bug
             code = _report(name, error)
         if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
-            _tell(f"{name}: interrupted{resume}")
-            code = _TERMINATED if is_terminated() else code
+            note(f"{name}: interrupted{resume}")
+            code = 128 + (ending_signal() or signal.SIGINT)
         fault = _fault(stdout)
         if fault is not None and code == 0:
             code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
@@ -65,7 +74,7 @@ def _open_streams(name: str) -> TextIO:
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     if sys.stdout is None:
-        _tell(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
+        note(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
         sys.exit(_BAD_INPUT)
     is_own = sys.stdout is sys.__stdout__  # else another program captures the output
     if is_own:
@@ -102,19 +111,21 @@ class _StandardOutput(io.FileIO):
 
 
 @contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Raise KeyboardInterrupt for Ctrl-C and SIGTERM in the block; yields whether SIGTERM came.
+def _interruptible() -> Iterator[Callable[[], int | None]]:
+    """Raise KeyboardInterrupt for Ctrl-C, SIGTERM and SIGHUP in the block.
+
+    Yields a function that returns the last of `_ENDING` that came; None if none did.
 
     Libraries turn a KeyboardInterrupt during their import into other errors, or let Python end
     itself by SIGINT in the end. An interrupt therefore comes again until no import is in progress,
     for some seconds.
     """
-    is_terminated = False
+    ending: int | None = None
     delays = 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal is_terminated, delays
-        is_terminated |= number == signal.SIGTERM
+        nonlocal ending, delays
+        ending = number if number in _ENDING else ending
         if delays >= _MOST_DELAYS or not _is_importing(frame):
             raise KeyboardInterrupt
         delays += 1
@@ -124,7 +135,8 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
     replaced = {}
     if threading.current_thread() is threading.main_thread():
-        usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        usual: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler}
+        usual |= dict.fromkeys(_ENDING, signal.SIG_DFL)
         replaced = {
             number: handler
             for number, handler in usual.items()
@@ -133,7 +145,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
     for number in replaced:
         signal.signal(number, interrupt)
     try:
-        yield lambda: is_terminated
+        yield lambda: ending
     finally:
         for number, handler in replaced.items():
             signal.signal(number, handler)
@@ -160,27 +172,26 @@ def _report(name: str, error: Exception) -> int:
     """Print an error that is meant for the user and return its exit code; raise others."""
     code: int | None = getattr(error, "exit_code", None)
     if code is not None:
-        _tell(f"{name}: {_one_line(error)}")
+        note(f"{name}: {_one_line(error)}")
         return code
     if not isinstance(error, OSError) or error.errno is None:
         raise error
-    _tell(f"{name}: {error.filename or 'output'}: {error.strerror}")
+    note(f"{name}: {error.filename or 'output'}: {error.strerror}")
     return _BAD_INPUT
 
 
 def _one_line(error: Exception) -> str:
     """The error's message on one line; usage errors of typer also name the command's help."""
-    from basetree.errors import short_line
-
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""
     return short_line(" ".join(message.split())) + hint
 
 
-def _tell(line: str) -> None:
-    with suppress(OSError):
-        typer.echo(line, err=True)
+def _show_bug(*raised: Any) -> None:
+    """Print the traceback of an error."""
+    for line in "".join(traceback.format_exception(*raised)).splitlines():
+        note(line)
 
 
 def _fault(stream: TextIO) -> OSError | None:

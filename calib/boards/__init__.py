@@ -4,23 +4,18 @@
 or a CalibrationFailure.
 """
 
-from calib.boards.board import (
-    BOARD_FORMS,
-    Board,
-    CharucoBoard,
-    Checkerboard,
-    CircleGrid,
-    parse_board,
-)
+from calib.boards.board import BOARD_FORMS, Board, Checkerboard, CircleGrid, parse_board
 from calib.boards.calibrate import calibrate_camera
 from calib.boards.coverage import Coverage
 from calib.boards.detections import BoardDetections, Picture, find_boards
+from calib.boards.marker_boards import AprilGrid, CharucoBoard
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.solve import LENS_MODELS, BoardView
 
 __all__ = [
     "BOARD_FORMS",
     "LENS_MODELS",
+    "AprilGrid",
     "Board",
     "BoardDetections",
     "BoardView",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import cv2
@@ -13,6 +14,7 @@ from calib.boards.coverage import Coverage, coverage_of
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.robust import solve_robustly
 from calib.boards.solve import PARAMETERS, BoardView, Solution
+from calib.boards.two_cameras import find_two_cameras, tell_left_out
 from calib.camera import PinholeCamera
 from calib.errors import CameraError
 
@@ -22,6 +24,7 @@ _MIN_COVERAGE_TO_SOLVE, _MIN_COVERAGE_TO_PASS = 0.25, 0.5
 _MAX_RMS_PX = 0.8
 _MAX_FOCAL_STD_SHARE, _MAX_DROPPED_SHARE = 0.005, 0.3
 _MIN_DISTANCE_RATIO = 1.3
+_TAKE_MORE = "take 15 to 30 images of the whole board, near and far, tilted in all directions"
 
 
 def calibrate_camera(
@@ -56,20 +59,25 @@ def calibrate_camera(
             tuple(coverage.advice()),
         )
     kept, solution, dropped = solve_robustly(views, size, model, MIN_VIEWS)
+    whole = [each.view for each in dropped if not each.points]
+    told = tell_left_out([view.name for view in views], whole)
     if solution is None:
-        return _too_few(len(kept), tuple(dropped))
+        return _too_few(len(kept), tuple(dropped), told)
     reason = _undetermined(solution)
     if reason is not None:
         advice = ("tilt the board by 20 to 45 degrees in all directions",)
         return CalibrationFailure(reason, advice, tuple(dropped))
-    return _result(kept, solution, dropped, size, model)
+    result = _result(kept, solution, dropped, size, model)
+    return replace(result, advice=(told, *result.advice)) if told else result
 
 
-def _too_few(count: int, dropped: tuple[Dropped, ...]) -> CalibrationFailure:
+def _too_few(
+    count: int, dropped: tuple[Dropped, ...], told: str | None = None
+) -> CalibrationFailure:
     agreeing = " that agree with each other" if dropped else ""
     return CalibrationFailure(
         f"{count} views of the board{agreeing}, expected at least {MIN_VIEWS}",
-        ("take 15 to 30 images of the whole board, near and far, tilted in all directions",),
+        (*([told] if told else []), _TAKE_MORE),
         dropped,
     )
 
@@ -125,6 +133,9 @@ def _result(
     )
     rms_px = _rms_px(np.concatenate(solution.residuals_px))
     coverage = coverage_of([view.image_px for view in views], size)
+    apart, told = find_two_cameras(views, model, solution)
+    reasons = _reasons_to_fail(camera, rms_px, coverage, len(results), dropped)
+    advice = _advice(results, coverage, _tilts_deg(solution.poses))
     return Calibration(
         camera,
         parameters,
@@ -132,8 +143,8 @@ def _result(
         results,
         tuple(dropped),
         coverage,
-        tuple(_reasons_to_fail(camera, rms_px, coverage, len(results), dropped)),
-        tuple(_advice(results, coverage, _tilts_deg(solution.poses))),
+        tuple([apart, *reasons] if apart else reasons),
+        tuple([told, *advice] if told else advice),
     )
 
 
@@ -175,8 +186,8 @@ def _reasons_to_fail(
     focal_share = camera.focal_std_px / min(camera.fx, camera.fy)
     if focal_share > _MAX_FOCAL_STD_SHARE:
         reasons.append(
-            f"the focal length has a standard deviation of {focal_share:.1%},"
-            f" expected {_MAX_FOCAL_STD_SHARE:.1%} or less"
+            f"the focal length has a standard deviation of {focal_share:.2%},"
+            f" expected {_MAX_FOCAL_STD_SHARE:.2%} or less"
         )
     if coverage.share < _MIN_COVERAGE_TO_PASS:
         reasons.append(

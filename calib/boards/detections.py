@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import cv2
@@ -19,6 +19,7 @@ _THUMBNAIL: Final = (32, 24)
 _MIN_GREY_CHANGE = 0.5
 _MIN_MOTION_SHARE = 0.01
 _MIN_INTERVAL_S = 0.2
+_MOST_PARTS = 5  # images that are looked at again for what is seen of the board
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,7 @@ class BoardDetections:
             before are skipped and not counted.
         without_board: Names of the images in which no board was found.
         repeated: Names of the images that show the board as an earlier one does.
+        seen_in_part: What is seen of the board in some of the images without it, by their names.
     """
 
     views: tuple[BoardView, ...]
@@ -56,6 +58,7 @@ class BoardDetections:
     pictures: int
     without_board: tuple[str, ...]
     repeated: tuple[str, ...]
+    seen_in_part: Mapping[str, str] = field(default_factory=dict)
 
 
 def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
@@ -75,6 +78,7 @@ def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
     views: list[BoardView] = []
     without_board: list[str] = []
     repeated: list[str] = []
+    parts: dict[str, str] = {}
     searched = 0
     for picture in _sampled(pictures):
         first = first or picture
@@ -87,6 +91,8 @@ def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
         found = board.detect(picture.grey)
         if found is None:
             without_board.append(picture.name)
+            if len(parts) < _MOST_PARTS and (part := board.seen_in_part(picture.grey)):
+                parts[picture.name] = part
             continue
         view = BoardView(picture.name, *found)
         if any(_same_view(view, other, max(picture.grey.shape)) for other in views):
@@ -95,7 +101,7 @@ def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
             views.append(view)
     height, width = (0, 0) if first is None else first.grey.shape
     return BoardDetections(
-        tuple(views), width, height, searched, tuple(without_board), tuple(repeated)
+        tuple(views), width, height, searched, tuple(without_board), tuple(repeated), parts
     )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from basetree.arrays import Bool, Float
-from calib.boards.board import LEAST_POINTS
+from calib.boards.corners import LEAST_POINTS
 from calib.boards.result import Dropped
 from calib.boards.solve import (
     BoardView,

@@ -5,6 +5,7 @@ a reading.
 """
 
 from calib.depth.checks import DepthFailure, DepthReport, check_depth, mask_by_confidence
+from calib.depth.convention import DepthConvention, DepthKind
 from calib.depth.conversion import (
     depth_to_disparity,
     depth_to_range,
@@ -15,8 +16,10 @@ from calib.depth.encoding import DepthEncoding, decode_depth, encode_depth
 from calib.depth.files import read_depth, write_depth
 
 __all__ = [
+    "DepthConvention",
     "DepthEncoding",
     "DepthFailure",
+    "DepthKind",
     "DepthReport",
     "check_depth",
     "decode_depth",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, cast
@@ -13,7 +14,6 @@ import numpy as np
 from basetree.arrays import Float, Float32, UInt8
 from calib.errors import DepthError
 
-_LARGEST = 1e6  # of any field
 _MIN_READING_M, _MAX_READING_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
@@ -65,18 +65,14 @@ class DepthEncoding:
             DepthError: If a field is missing, unknown or not a number.
         """
         names = {field.name for field in fields(cls)}
-        if set(values) != names:
-            raise DepthError(
-                f"depth encoding has fields {sorted(values)}: expected {sorted(names)}"
-            )
+        if not isinstance(values, Mapping) or set(values) != names:
+            found = sorted(map(str, values)) if isinstance(values, Mapping) else repr(values)
+            raise DepthError(f"depth encoding has fields {found}: expected {sorted(names)}")
         for name, value in values.items():
-            if isinstance(value, bool) or not (
-                isinstance(value, int | float) and abs(value) <= _LARGEST
-            ):
-                raise DepthError(
-                    f"depth encoding field {name} is {value!r:.60}: expected a number"
-                    f" of at most {_LARGEST:g}"
-                )
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            fits = isinstance(value, float) and not name.endswith("_value")
+            if not is_number or not (fits or abs(value) <= sys.float_info.max):
+                raise DepthError(f"depth encoding field {name} is {value!r}: expected a number")
         return cls(
             float(values["near_m"]),
             float(values["far_m"]),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -13,22 +14,31 @@ from numpy.typing import NDArray
 from basetree.arrays import Float, Float32
 from basetree.errors import InputFileError
 from basetree.files.limits import current_limits
-from basetree.files.reading import read_image
+from basetree.files.picture_size import most_picture_bytes
+from basetree.files.reading import decode_image
+from basetree.files.regular import open_regular, read_regular
 from basetree.files.writing import write_image
-from calib.errors import DepthError
+from calib.depth.convention import check_scale, values_to_metres
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
-_MAX_READING_M = float(np.finfo(np.float32).max)
+_METRE_BYTES = 4  # a float32
+_ZIP = b"PK\x03\x04"  # how .npz begins
+_NPY = b"\x93NUMPY"
+_MOST_AXES = 32  # of numpy
+_NPY_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
-def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
+def read_depth(path: Path | str, scale: float | None = None) -> Float32:
     """Read a depth map.
 
     Args:
-        path: Single-channel PNG, TIFF or .npy file. uint16 values are multiplied by `scale`;
-            float32 and float64 values are metres.
-        scale: Metres per step of a uint16 file; the default is millimetres.
+        path: Single-channel PNG, TIFF or .npy file of integers or floating point, told by its
+            first bytes.
+        scale: Metres per unit. By default integers are millimetres and floating point is metres.
 
     Returns:
         (H, W) float32 metres along z. Values that are not positive, not finite or too large for
@@ -36,36 +46,12 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
 
     Raises:
         InputFileError: If the file is missing, unreadable or larger than `Limits` allows.
-        DepthError: If `scale` is not positive, or the file has another dtype or several channels.
+        DepthError: If `scale` is not from 1e-6 to 1000, or the values are no depth: another type,
+            several channels, 8 bits without a scale, or floating point that looks like millimetres.
     """
     path = Path(path)
-    if not (math.isfinite(scale) and scale > 0):
-        raise DepthError(f"scale is {scale}: expected metres per step, above 0")
-    if not path.is_file():
-        raise InputFileError(f"{path}: no such file, expected a depth map as PNG, TIFF or .npy")
-    values = _read_array(path) if path.suffix.lower() == ".npy" else _read_image(path)
-    channels = 1 if values.ndim == 2 else values.shape[-1] if values.ndim == 3 else 0
-    if channels != 1 or values.dtype not in (np.uint16, np.float32, np.float64):
-        raise DepthError(
-            f"{path}: {channels} channel(s) of {values.dtype}, expected one channel of uint16"
-            f" in steps of {scale:g} m or of float32 in metres"
-        )
-    values = values.reshape(values.shape[:2])
-    if values.dtype == np.uint16:
-        return in_metres(values, scale)
-    return np.where((values > 0) & (values <= _MAX_READING_M), values, 0).astype(np.float32)
-
-
-def in_metres(steps: NDArray[Any], scale: float) -> Float32:
-    """Convert uint16 steps to metres.
-
-    If 1 / scale is a whole number, divide by it: the result is then the float32 nearest to the
-    exact value.
-    """
-    per_m = 1 / scale
-    if abs(per_m - round(per_m)) < 1e-6 * per_m:
-        return steps.astype(np.float32) / np.float32(round(per_m))
-    return steps.astype(np.float32) * np.float32(scale)
+    check_scale(scale, "scale")
+    return values_to_metres(_read_values(path), scale, str(path))
 
 
 def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:
@@ -74,29 +60,67 @@ def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:
     return np.where((steps < 0) | (steps > _MAX_MM), 0, steps).astype(np.uint16)
 
 
-def _read_array(path: Path) -> NDArray[Any]:
-    largest = current_limits().image_pixels
+def _read_values(path: Path) -> NDArray[Any]:
+    """The values of a picture or .npy file, whose first bytes say which it is."""
+    expected = "expected a depth map as PNG, TIFF or .npy"
     try:
-        # Mapped: numpy takes no memory for a size that the header states and the file has not.
-        values = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # numpy parses the header as Python: many kinds of errors
-        raise InputFileError(
-            f"{path}: not a readable .npy file, expected one (H, W) array of depth"
-        ) from error
-    if not isinstance(values, np.ndarray):
+        with open_regular(path) as file:
+            is_array = file.read(len(_NPY)) == _NPY
+            file.seek(0)
+            if is_array:
+                return _read_array(path, file)
+        data = read_regular(path, most_picture_bytes())
+    except FileNotFoundError as error:
+        raise InputFileError(f"{path}: no such file, {expected}") from error
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror}), {expected}") from error
+    if data.startswith(_ZIP):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
-    if values.size > largest:
-        raise InputFileError(
-            f"{path}: {values.size} values, expected at most {largest}, the limit image_pixels"
-        )
-    return np.array(values, values.dtype.newbyteorder("="))
-
-
-def _read_image(path: Path) -> NDArray[Any]:
-    image = read_image(path, cv2.IMREAD_UNCHANGED)
+    image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
+    if image is None and path.suffix.lower() == ".npy":
+        raise _not_an_array(path)
     if image is None:
         raise InputFileError(f"{path}: not a readable image, expected a depth PNG or TIFF")
+    _check_memory(path, image.size, image.nbytes)
     return image
+
+
+def _read_array(path: Path, file: BinaryIO) -> NDArray[Any]:
+    """The values of a .npy file, whose header is compared with what follows it."""
+    try:
+        version = np.lib.format.read_magic(file)
+        read_header = _NPY_HEADERS[version]
+        shape, is_fortran, dtype = read_header(file)
+        there = os.fstat(file.fileno()).st_size - file.tell()
+    except Exception as error:  # numpy parses the header as Python: many kinds of errors
+        raise _not_an_array(path) from error
+    count = math.prod(shape)
+    is_plain = dtype.itemsize > 0 and not dtype.hasobject and len(shape) <= _MOST_AXES
+    if not is_plain or min(shape, default=0) < 0 or count * dtype.itemsize > there:
+        raise _not_an_array(path)
+    largest = current_limits().image_pixels
+    if count > largest:
+        raise InputFileError(
+            f"{path}: {count} values, expected at most {largest}, the limit image_pixels"
+        )
+    _check_memory(path, count, count * dtype.itemsize)
+    values = np.fromfile(file, dtype, count)
+    values = values.reshape(shape, order="F" if is_fortran else "C")
+    return np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+
+
+def _not_an_array(path: Path) -> InputFileError:
+    return InputFileError(f"{path}: not a readable .npy file, expected one (H, W) array of depth")
+
+
+def _check_memory(path: Path, count: int, stored_bytes: int) -> None:
+    """Refuse values that take too much memory together with their metres."""
+    taken, most = stored_bytes + count * _METRE_BYTES, most_picture_bytes()
+    if taken > most:
+        raise InputFileError(
+            f"{path}: {count} values take {taken / 1e6:.3g} MB with their metres, expected at most"
+            f" {most / 1e6:.3g} MB, 5 bytes for each pixel of the limit image_pixels"
+        )
 
 
 def write_depth(path: Path | str, depth_m: Float) -> None:

@@ -32,7 +32,10 @@ def build(values: Values) -> PinholeCamera:
         terms = [number(projection, name) for name in ("k2", "k3", "k4", "k5")]
         focal = [number(projection, name) for name in ("mu", "mv", "u0", "v0")]
         return camera(size(values), focal, terms, FISHEYE)
-    raise CameraError(f"model_type is {kind!r}: expected PINHOLE or KANNALA_BRANDT")
+    raise CameraError(
+        f"model_type is {kind!r}: expected PINHOLE or KANNALA_BRANDT; calibrate again with one of"
+        " these"
+    )
 
 
 def _group(values: Values, name: str) -> Values:

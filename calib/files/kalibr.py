@@ -27,7 +27,10 @@ def build(values: Values) -> PinholeCamera:
     """Create the camera; intrinsics are fu, fv, pu, pv, distortions OpenCV's first four terms."""
     kind = values.get("camera_model")
     if kind != "pinhole":
-        raise CameraError(f"camera_model is {kind!r}: expected pinhole")
+        raise CameraError(
+            f"camera_model is {kind!r}: expected pinhole; calibrate again with the model"
+            " pinhole-radtan or, for fisheye lenses, pinhole-equi"
+        )
     intrinsics = numbers(values, "intrinsics")
     if len(intrinsics) != 4:
         raise CameraError(f"intrinsics has {len(intrinsics)} numbers: expected fu, fv, pu, pv")

@@ -48,7 +48,7 @@ def _terms(values: Values, name: str, terms: tuple[str, ...]) -> list[float]:
     return [number(values, f"{name}.{term}") for term in terms]
 
 
-def _size(values: Values, name: str) -> tuple[int, int]:
+def _size(values: Values, name: str) -> tuple[int, int] | None:
     """Return width and height in px; older settings have neither."""
     fields = {"width": f"{name}.width", "height": f"{name}.height"}
     missing = [field for field in fields.values() if field not in values]

@@ -16,6 +16,7 @@ SCHEMA = "calib.transform/1"
 
 _EXPECTED = "a transform as JSON"
 _ROTATIONS = ("rotation", "quaternion_xyzw", "roll_pitch_yaw_deg")
+_FARTHEST_M = 1000.0
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 
@@ -33,9 +34,15 @@ def load_transform(path: Path | str) -> RigidTransform:
     path = Path(path)
     values = parse_record(path, SCHEMA, _EXPECTED)
     try:
-        return _build(values)
+        transform = _build(values)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
+    if float(abs(transform.translation_m).max()) > _FARTHEST_M:
+        raise InputError(
+            f"{path}: the frames are {transform.translation_m.tolist()} m apart: expected cameras"
+            f" and a machine within {_FARTHEST_M:g} m"
+        )
+    return transform
 
 
 def _build(values: Mapping[str, Any]) -> RigidTransform:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
+from edgetree.results.csv_cells import text_cell
 
 SCHEMA: Final = "edgetree.bench/2"
 
@@ -84,7 +85,8 @@ def csv_text(result: Record) -> str:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(_CSV)
     for row in result["rows"]:
-        writer.writerow([_at(row, keys) for keys in _CSV.values()])
+        values = (_at(row, keys) for keys in _CSV.values())
+        writer.writerow([text_cell(each) if isinstance(each, str) else each for each in values])
     return stream.getvalue()
 
 

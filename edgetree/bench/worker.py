@@ -20,6 +20,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from basetree.errors import EdgetreeError
+from basetree.files.regular import read_regular
 from edgetree.bench.frames import BenchFrame, bench_frames
 from edgetree.bench.peak import machine_peak
 from edgetree.bench.profile import count_multiply_adds, network_times
@@ -119,7 +120,7 @@ def _detail(job: Job) -> Record:
     times = network_times(path, job.session, inputs)
     one_frame = {part: ms / rows for part, ms in times.parts_ms.items()}
     placement = getattr(detector.session, "placement", {})
-    content = path.read_bytes()
+    content = read_regular(path)
     return {
         **model_record(manifest),
         "file_bytes": len(content),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json, track
+from basetree.program.console import note, print_json, tell, track
 from edgetree.commands.options import Json, quoted
 
 if TYPE_CHECKING:
@@ -37,7 +37,9 @@ _Board: TypeAlias = Annotated[
         metavar="BOARD",
         help="The printed board: checkerboard:9x6:0.025 (inner corners, side of a square in"
         " metres); charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker in metres,"
-        " dictionary); circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows,"
+        " dictionary; with :legacy at the end only the pattern of OpenCV before 4.6);"
+        " aprilgrid:6x6:0.088:0.3 (tags, side of a tag in metres, space between tags as a share of"
+        " it); circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows,"
         " metres between rows).",
     ),
 ]
@@ -79,7 +81,7 @@ def calibrate(
         raise InputError(f"{out} is a folder: expected the name of a file to write")
     if out.suffix.lower() != ".json":
         raise InputError(f"--out is {out}: expected a file name ending in .json")
-    printed_board, frames = parse_board(board), open_source(source)
+    printed_board, frames = parse_board(board), open_source(source, upright=False)
     depth_frames = None if depth is None else open_source(source, depth)
     left_out = LeftOut(strict=not source.is_dir())
     with output_folder(out.parent):
@@ -92,7 +94,7 @@ def calibrate(
             print_json({"schema": "edgetree.calibrate/1", **record})
         else:
             for line in outcome.lines():
-                typer.echo(line)
+                tell(line)
         for path in written.values():
             if path is not None:
                 note(f"written: {path}")
@@ -149,6 +151,7 @@ class _Outcome:
             "pictures": seen.pictures,
             "without_board": list(seen.without_board),
             "repeated": list(seen.repeated),
+            "seen_in_part": dict(seen.seen_in_part),
             **self.result.to_dict(),
             "depth_scale": depth.to_dict() if depth else None,
             "depth_failure": depth.reason if isinstance(depth, DepthScaleFailure) else None,
@@ -159,7 +162,12 @@ class _Outcome:
         seen = self.sightings
         shown = f"{len(seen.views)} of {seen.pictures} pictures show the board in a new position"
         yield f"{shown}, {seen.width}x{seen.height} px"
-        if not seen.views:
+        for name, part in seen.seen_in_part.items():
+            yield f"{name} shows {part}"
+        if not seen.views and seen.seen_in_part:
+            yield "markers but no board found: check the numbers of squares or tags, the dictionary"
+            yield "and the sides that --board gives"
+        elif not seen.views:
             yield "no board found: give the number of inner corners of a checkerboard, of squares"
             yield "of a ChArUco board, of circles per row and of rows of a circle board"
         elif seen.without_board:

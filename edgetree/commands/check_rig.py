@@ -42,6 +42,7 @@ def check_rig(
     The exit code is 1 if a check does not hold.
     """
     from basetree.errors import CheckFailed, InputError
+    from edgetree.commands.frame_results import warnings_shown
     from edgetree.rig_check import check_rig as checked
     from edgetree.rig_check.report import problem_text, report_lines
 
@@ -49,7 +50,8 @@ def check_rig(
         raise InputError(f"--seconds is {seconds}: expected seconds above 0")
     rig = metres.as_rig_options().rig(metres.camera, None)
     detector, _ = session.open_model(model)
-    report = checked(source_options.open(source, rig, False), detector, rig, seconds)
+    with warnings_shown():
+        report = checked(source_options.open(source, rig, False), detector, rig, seconds)
     record = {"schema": "edgetree.check-rig/1", **report.to_dict()}
     print_found(as_json, lambda: record, lambda: report_lines(report))
     if not report.passed:

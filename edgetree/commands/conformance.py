@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_found, print_json
+from basetree.program.console import note, print_found, print_json, tell
 from edgetree.commands.options import Json, Provider, Threads
 
 if TYPE_CHECKING:
@@ -63,9 +63,9 @@ def make(
             }
         )
         return
-    typer.echo(f"kit      {out}: {kit.name}, {kit.precision}")
-    typer.echo(f"frames   {len(kit.frames)}")
-    typer.echo(f"trees    {trees}, and {expected.covered} that a better one covers")
+    tell(f"kit      {out}: {kit.name}, {kit.precision}")
+    tell(f"frames   {len(kit.frames)}")
+    tell(f"trees    {trees}, and {expected.covered} that a better one covers")
     if not trees:
         note("no tree in the frames: this kit cannot tell a right program from a wrong one")
     elif not expected.covered:

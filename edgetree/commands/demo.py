@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import BAR_STREAM, note, print_json, tell
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def demo(
         print_json(result.to_dict(str(report)))
     else:
         note("report:")
-        typer.echo(str(report))
+        tell(report)
 
 
 def _check_no_signature_required() -> None:
@@ -83,7 +83,7 @@ def _progress() -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield tell
         return
-    with typer.progressbar(length=_STEPS, label="starting", file=sys.stderr) as bar:
+    with typer.progressbar(length=_STEPS, label="starting", file=BAR_STREAM) as bar:
 
         def move(share: float, what: str) -> None:
             nonlocal shown

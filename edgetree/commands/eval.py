@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import Progress, note, print_json, progress
+from basetree.program.console import Progress, note, print_json, progress, tell
 from basetree.program.options import expand_groups
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Json, model_record
@@ -61,6 +61,6 @@ def evaluate(
         print_json(report.figures)
         return
     for line in summary_of(report):
-        typer.echo(line)
+        tell(line)
     hint = "next: add --out FOLDER for plots and pictures"
     note(hint if page is None else f"open: {page}")

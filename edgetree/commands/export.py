@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
 from edgetree.commands.options import Json
 from edgetree.export.settings import ExportSettings
@@ -53,8 +53,9 @@ def _tell(report: ExportReport, as_json: bool) -> None:
     if as_json:
         print_json(record(report))
         return
-    typer.echo(report.parity.table())
-    typer.echo(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
+    for line in report.parity.table().splitlines():
+        tell(line)
+    tell(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
     note(f"next: edgetree run IMAGE --model {report.path} --out pictures")
 
 

@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from basetree.errors import CheckFailed, InputError
-from basetree.program.console import note, track
+from basetree.errors import CheckFailed, InputError, short_line
+from basetree.program.console import LogNotes, note, track
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
-from edgetree.sources.source import REMARKS, FrameSource, readable
+from edgetree.sources.source import INCOMPLETE, REMARKS, FrameSource, readable
 
 
 def frame_results(
@@ -54,7 +54,7 @@ class LeftOut:
         """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
-        reason = " ".join(str(error).split())
+        reason = short_line(" ".join(str(error).split()))
         if reason not in self.reasons:
             self.reasons.append(reason)
             note(f"left out: {reason}")
@@ -82,6 +82,7 @@ class Totals:
     times_ms: list[float] = field(default_factory=list)
     metres_need: str | None = None
     scaling: str | None = None
+    turning: str | None = None
     faults: list[str] = field(default_factory=list)
     unlike: list[str] = field(default_factory=list)
 
@@ -96,6 +97,7 @@ class Totals:
         self.times_ms.append(result.detect_ms)
         self.metres_need = self.metres_need or result.metres_need
         self.scaling = self.scaling or result.scaling
+        self.turning = self.turning or result.turning
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
         if result.trees.unlike is not None:
@@ -109,6 +111,8 @@ class Totals:
             yield f"metres {self.metres_need}"
         if self.scaling is not None:
             yield self.scaling
+        if self.turning is not None:
+            yield self.turning
         if self.faults:
             yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"
         if self.unlike:
@@ -128,6 +132,12 @@ def source_remarks(source: FrameSource) -> Iterator[str]:
             yield f"{count} {what}" if what in REMARKS else f"{count} left out: {what}"
 
 
+def check_complete(source: str, counts: Mapping[str, int]) -> None:
+    """Raise CheckFailed if a part of the source could not be read."""
+    if any(counts.get(name) for name in INCOMPLETE):
+        raise CheckFailed(f"{source} is not complete, see above: what can be read was used")
+
+
 def note_files(paths: Mapping[str, Path | None]) -> None:
     """Say where the output files are, by what they are."""
     for name, path in paths.items():
@@ -137,15 +147,14 @@ def note_files(paths: Mapping[str, Path | None]) -> None:
 
 @contextmanager
 def warnings_shown() -> Iterator[None]:
-    """Print what the package logs, from warnings on, as notes."""
+    """Print what the packages log, from warnings on, as notes."""
 
-    class Notes(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            note(record.getMessage())
-
-    log, handler = logging.getLogger("edgetree"), Notes(logging.WARNING)
-    log.addHandler(handler)
+    logs = [logging.getLogger(name) for name in ("basetree", "calib", "edgetree")]
+    handler = LogNotes(logging.WARNING)
+    for log in logs:
+        log.addHandler(handler)
     try:
         yield
     finally:
-        log.removeHandler(handler)
+        for log in logs:
+            log.removeHandler(handler)

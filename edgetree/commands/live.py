@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -24,7 +24,6 @@ from edgetree.commands.options import Model, ScoreThreshold, model_file, model_w
 
 if TYPE_CHECKING:
     from edgetree.live.pipeline import LivePipeline
-    from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
     from edgetree.sources.source import FrameSource
 
@@ -65,11 +64,12 @@ def live(
     """Find, measure and follow the trees in front of a camera, or in a recording.
 
     Stems keep their number from frame to frame, and all views of a stem are combined into one
-    diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C and SIGTERM end it
-    with everything written.
+    diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C, SIGTERM and SIGHUP
+    end it with everything written. Files of an earlier run are kept under another name.
     """
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import warnings_shown
+    from edgetree.commands.frame_results import check_complete, warnings_shown
+    from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
@@ -110,47 +110,65 @@ def live(
                 recorder.wait_for_disk(waits=not opened.is_live)
             return opened
 
-        def open_outputs(stack: ExitStack) -> list[_Write]:
-            sinks = outputs.open(stack, to_stdout, source, model_path.name)
-            writes: list[_Write] = [sink.write for sink in sinks]
+        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
+        guarded = GuardedOutputs(others=recorder is not None or page is not None)
+
+        def open_outputs() -> list[_Write]:
+            outputs.open(guarded, to_stdout, source, model_path.name)
+            writes: list[_Write] = [guarded.write]
             writes += [] if recorder is None else [recorder.write]
             return writes if page is None else [*writes, page.publish]
 
-        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
-        _follow(pipeline, open_outputs, recorder, outputs.frames)
+        def told() -> str:
+            recordings = [] if recorder is None else [recorder.status.line()]
+            return ", ".join([pipeline.status.line(), *recordings, *guarded.missing()])
+
+        try:
+            with closing(guarded):
+                _follow(pipeline, open_outputs, told, outputs.frames)
+        except KeyboardInterrupt:
+            for line in guarded.missing():
+                note(line)
+            raise
+        note(pipeline.status.line())
         note(model_words(detector, model_path))
+    guarded.check()
+    check_complete(source, pipeline.status.remarks)
 
 
 def _follow(
     pipeline: LivePipeline,
-    open_outputs: Callable[[ExitStack], list[_Write]],
-    recorder: FrameRecorder | None,
+    open_outputs: Callable[[], list[_Write]],
+    told: Callable[[], str],
     most: int | None,
 ) -> None:
     """Hand each result to all outputs, and say every few seconds how it goes.
 
     The outputs are opened with the first result, so that a source without any replaces no file.
+
+    Args:
+        pipeline: Gives the results.
+        open_outputs: Opens the outputs; returns what takes the results.
+        told: How it goes, as a line.
+        most: Number of results to end after; None for all.
     """
     from basetree.errors import InputError
     from basetree.program.interrupts import interrupt_afterwards
 
     writes: list[_Write] = []
     said_s = time.monotonic()
-    with ExitStack() as stack:
-        results = stack.enter_context(closing(iter(pipeline)))
+    with closing(iter(pipeline)) as results:
         number = 0
         for number, result in enumerate(results, 1):
             with interrupt_afterwards():
-                writes = writes or open_outputs(stack)
+                writes = writes or open_outputs()
                 for write in writes:
                     write(result)
             if time.monotonic() - said_s > _STATUS_EVERY_S:
-                recordings = "" if recorder is None else f", {recorder.status.line()}"
-                note(pipeline.status.line() + recordings)
+                note(told())
                 said_s = time.monotonic()
             if number == most:
                 break
         else:
             if number == 0:
                 raise InputError(f"{pipeline.status.line()}: expected a frame that can be used")
-    note(pipeline.status.line())

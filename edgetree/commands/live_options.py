@@ -15,7 +15,10 @@ from edgetree.commands.option_groups import RigOptions
 from edgetree.commands.options import (
     Camera,
     Depth,
+    DepthKind,
+    DepthScale,
     Mounting,
+    Rotate,
     SpeciesName,
     StumpHeight,
     Up,
@@ -30,15 +33,6 @@ if TYPE_CHECKING:
 
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
-_DepthScaleM: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--depth-scale",
-        metavar="M_PER_UNIT",
-        help="Metres per unit of a recording's depth; 0.001 for 16-bit and 1 for 32-bit depth if"
-        " not given.",
-    ),
-]
 Topic: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
@@ -94,7 +88,6 @@ class LiveSourceOptions:
 
     depth: Depth = None
     topic: Topic = None
-    depth_scale: _DepthScaleM = None
     scene: Scene = None
     as_live: _AsLive = False
     loop: _Loop = False
@@ -113,7 +106,6 @@ class LiveSourceOptions:
             depth=self.depth,
             rig=rig,
             topics=topics_by_role(self.topic),
-            depth_scale_m=self.depth_scale,
             modality="depth" if are_files and takes_depth and self.depth is None else "both",
             scene=self.scene,
             loop=self.loop,
@@ -148,6 +140,9 @@ class LiveMetresOptions:
     camera: Camera = None
     up: Up = None
     mounting: Mounting = None
+    depth_scale: DepthScale = None
+    depth_kind: DepthKind = "depth"
+    rotate: Rotate = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
     odometry: _Odometry = False
@@ -167,6 +162,9 @@ class LiveMetresOptions:
         return RigOptions(
             up=self.up,
             mounting=self.mounting,
+            depth_scale=self.depth_scale,
+            depth_kind=self.depth_kind,
+            rotate=self.rotate,
             stump_height=self.stump_height,
             species=self.species,
         )

@@ -6,8 +6,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -17,16 +18,24 @@ from basetree.program.console import note
 from edgetree.commands.options import check_report
 
 if TYPE_CHECKING:
+    from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
     from edgetree.sinks import MapOrigin, Sink
 
 _JsonLines: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
+    typer.Option(
+        help="File for the JSON lines, instead of stdout (with --page: nowhere). An older one is"
+        " kept beside it."
+    ),
 ]
 _CsvFile: TypeAlias = Annotated[
-    Path | None, typer.Option("--csv", help="CSV file to write, one row per stem and frame.")
+    Path | None,
+    typer.Option(
+        "--csv",
+        help="CSV file to write, one row per stem and frame. An older one is kept beside it.",
+    ),
 ]
 _Map: TypeAlias = Annotated[
     Path | None,
@@ -117,13 +126,11 @@ class LiveOutputs:
             raise InputError("--map-origin given without --map: expected both")
         return _origin(self.map_origin)
 
-    def open(
-        self, stack: ExitStack, to_stdout: bool, source: str, model: str
-    ) -> list[Sink[LiveResult]]:
+    def open(self, outputs: GuardedOutputs, to_stdout: bool, source: str, model: str) -> None:
         """Open the outputs.
 
         Args:
-            stack: Closes them.
+            outputs: Takes them.
             to_stdout: Whether JSON lines go to stdout.
             source: Value of SOURCE, for the report.
             model: Name of the model file, likewise.
@@ -137,19 +144,30 @@ class LiveOutputs:
         makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
             "jsonl": lambda path: sinks.JsonLinesSink(path),
             "csv": lambda path: sinks.CsvTracksSink(path),
-            "map": lambda path: sinks.open_map(path, self.origin()),
-            "report": lambda path: sinks.StemReportSink(path, source, model),
-            "bag": lambda path: sinks.BagSink(path),
+            "map": lambda path: sinks.open_map(path, self.origin(), keeps_older=True),
+            "report": lambda path: sinks.StemReportSink(path, source, model, keeps_older=True),
+            "bag": _bag,
             "udp": lambda address: sinks.UdpSink(address),
             "mqtt": lambda address: sinks.MqttSink(address),
         }
-        opened: list[Sink[LiveResult]] = [sinks.JsonLinesSink(sys.stdout)] if to_stdout else []
+        if to_stdout:
+            outputs.open("standard output", lambda: sinks.JsonLinesSink(sys.stdout))
         for name, make in makers.items():
             target = getattr(self, name)
             if target is not None:
-                opened.append(make(target))
-                stack.callback(opened[-1].close)
-        return opened
+                outputs.open(f"--{name} {target}", partial(make, target), waits=True)
+
+
+def _bag(folder: Path) -> Sink[LiveResult]:
+    """A bag; one of an earlier run is kept under another name."""
+    from basetree.files.growing import keep_older
+    from edgetree.sinks import BagSink
+    from edgetree.sources.bags.names import is_bag
+
+    for path in (folder, folder.with_name(f"unfinished_{folder.name}")):
+        if path.is_dir() and is_bag(path):
+            keep_older(path)
+    return BagSink(folder)
 
 
 def _origin(text: str) -> MapOrigin:

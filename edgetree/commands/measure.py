@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
@@ -70,10 +70,10 @@ class _Inputs:
     def check(self, image: Path, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
-        from basetree.files.names import VIDEO_SUFFIXES
         from edgetree.results.pictures import PICTURE_SUFFIXES
+        from edgetree.sources.videos import is_video
 
-        if image.is_dir() or image.suffix.lower() in VIDEO_SUFFIXES:
+        if image.is_dir() or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"
             )
@@ -197,11 +197,11 @@ def measure(
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
         for line in table_lines(result.measurements or [], result.found.numbers):
-            typer.echo(line)
+            tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
-    if result.scaling is not None:
-        note(result.scaling)
+    for line in filter(None, (result.scaling, result.turning)):
+        note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)
         note(f"unlike the training pictures: {words}")

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-import typer
-
-from basetree.errors import short_line
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_json, tell
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -37,14 +34,14 @@ def models(*, as_json: Json = False) -> None:
     widths = [max(len(row[column]) for row in rows) for column in range(len(_COLUMNS))]
     for row in rows:
         cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        typer.echo(short_line("  ".join(cells).rstrip()))
+        tell("  ".join(cells).rstrip())
     for record in listed:
         if record["card"] is not None:
-            typer.echo(short_line(f"{record['name']}: {record['card']['for']}"))
+            tell(f"{record['name']}: {record['card']['for']}")
     for modality, name in DEFAULTS.items():
-        typer.echo(f"{modality}: {name}, the default for {_IMAGES[modality]}")
-    typer.echo("boxes, masks, keypoints: average precision in percent on the frozen test frames")
-    typer.echo("ms: median time of a detection on the machine of the card")
+        tell(f"{modality}: {name}, the default for {_IMAGES[modality]}")
+    tell("boxes, masks, keypoints: average precision in percent on the frozen test frames")
+    tell("ms: median time of a detection on the machine of the card")
     note(f"further models: name their folders in {FOLDERS_VARIABLE}")
 
 

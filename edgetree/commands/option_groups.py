@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edgetree.commands.options import (
+    DepthKind,
+    DepthScale,
     Mounting,
     Provider,
+    Rotate,
     SpeciesName,
     Strict,
     StumpHeight,
@@ -49,14 +52,9 @@ class RigOptions:
             " identity if not given."
         ),
     ] = None
-    depth_scale: Annotated[
-        str | None,
-        typer.Option(
-            metavar="M_PER_UNIT|FILE",
-            help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
-            " `edgetree calibrate --depth`.",
-        ),
-    ] = None
+    depth_scale: DepthScale = None
+    depth_kind: DepthKind = "depth"
+    rotate: Rotate = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
 
@@ -81,10 +79,12 @@ class RigOptions:
         extrinsics = self.depth_extrinsics
         rig = Rig(
             camera=None if camera is None else _load_camera(camera),
-            up_camera=None if self.up is None else _direction(self.up),
+            up_camera=None if self.up is None else _direction(self.up, self.rotate),
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
+            rotation_deg=self.rotate,
+            depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
@@ -126,7 +126,7 @@ class RigOptions:
         return "".join(
             f" --{name.replace('_', '-')} {quoted(value)}"
             for name, value in given.items()
-            if value is not None
+            if value is not None and value != getattr(RigOptions, name, None)
         )
 
 
@@ -187,18 +187,20 @@ def _scaled(rig: Rig, text: str) -> Rig:
     from calib import load_depth_scale
 
     try:
-        return replace(rig, depth_scale_m=float(text))
+        scale_m = float(text)
     except ValueError:
         return replace(rig, depth_calibration=load_depth_scale(text))
+    return replace(rig, depth_scale_m=scale_m)
 
 
-def _direction(text: str) -> tuple[float, float, float]:
+def _direction(text: str, rotation_deg: int | None) -> tuple[float, float, float]:
     from basetree.errors import InputError
+    from edgetree.frames.turning import turn_of
     from edgetree.measure.entry import unit_up
 
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
-    unit_up((x, y, z))
+    unit_up(turn_of(rotation_deg, (x, y, z)).directions((x, y, z)))
     return x, y, z

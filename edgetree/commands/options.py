@@ -59,9 +59,37 @@ ScoreThreshold: TypeAlias = Annotated[
 Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Depth image of an image, or folder with a depth image of the same stem for each"
-        " image: 16-bit PNG or TIFF in millimetres (or see --depth-scale), float TIFF or .npy in"
-        " metres; 0 = no reading. If not given, a depth model reads the image itself as depth."
+        help="Depth image of an image, or folder with the depth images of a folder of images, by"
+        " their names: PNG, TIFF or .npy, integers in millimetres or floating point in metres (or"
+        " see --depth-scale); 0 = no reading. If not given, a depth model reads the image itself"
+        " as depth."
+    ),
+]
+DepthScale: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="M_PER_UNIT|FILE",
+        help="Metres per unit of the depth, of integers and of floating point; if not given, 0.001"
+        " for integers and 1 for floating point. Or a depth scale file of"
+        " `edgetree calibrate --depth`.",
+    ),
+]
+DepthKind: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="depth|range",
+        help="Whether the depth is along the optical axis, or along the ray of each pixel as some"
+        " lidars and time-of-flight cameras give it, which needs the camera.",
+    ),
+]
+Rotate: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        metavar="0|90|180|270",
+        help="Degrees by which pictures must be turned clockwise to be upright, for a camera that"
+        " is mounted on its side or upside down. Depth, masks, camera, --up and --mounting are"
+        " turned with them, and results are given in the pictures as they are. If not given, a"
+        " camera on its side is told by its vertical.",
     ),
 ]
 Camera: TypeAlias = Annotated[

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
@@ -35,6 +34,7 @@ from edgetree.commands.options import (
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 
 if TYPE_CHECKING:
+    from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
@@ -76,6 +76,16 @@ _Map: TypeAlias = Annotated[
     ),
 ]
 
+_FILES: Final = {
+    "jsonl": "JSON lines",
+    "csv": "table",
+    "profiles": "profiles",
+    "coco": "labels",
+    "out": "pictures",
+    "report": "report",
+    "map": "map",
+}
+
 
 @dataclass(frozen=True)
 class _Inputs:
@@ -88,11 +98,9 @@ class _Inputs:
     scene: Scene = None
     strict_frames: _StrictFrames = False
 
-    def open(
-        self, source: Path, rig: Rig, detector: TreeDetector, depth_scale: str | None
-    ) -> FrameSource:
-        """Open the frames; `depth_scale` is the value of --depth-scale."""
-        from edgetree.sources.opening import is_stream, open_frames
+    def open(self, source: Path, rig: Rig, detector: TreeDetector) -> FrameSource:
+        """Open the frames."""
+        from edgetree.sources.opening import open_frames
 
         return open_frames(
             source,
@@ -100,7 +108,6 @@ class _Inputs:
             rig=rig,
             detector=detector,
             topics=topics_by_role(self.topic),
-            depth_scale_m=_metres_per_unit(depth_scale) if is_stream(source) else None,
             scene=self.scene,
         )
 
@@ -124,12 +131,17 @@ class _Outputs:
     map: _Map = None
 
     def open(
-        self, stack: ExitStack, source: Path, model: str, score_threshold: float, reasons: list[str]
-    ) -> list[FileSink[Any]]:
+        self,
+        outputs: GuardedOutputs,
+        source: Path,
+        model: str,
+        score_threshold: float,
+        reasons: list[str],
+    ) -> None:
         """Open the files but for the JSON lines.
 
         Args:
-            stack: Completes the files, or discards them if its block raises.
+            outputs: Takes them.
             source: Value of SOURCE, for the report.
             model: Name of the model file.
             score_threshold: Lowest score of trees.
@@ -153,12 +165,15 @@ class _Outputs:
             "report": lambda path: sinks.ReportSink(path, named, words, reasons),
             "map": map_sink,
         }
-        paths = vars(self)
-        return [
-            stack.enter_context(make(paths[name]))
-            for name, make in makers.items()
-            if paths[name] is not None
-        ]
+        for name, make in makers.items():
+            path = getattr(self, name)
+            if path is not None:
+                outputs.open(f"--{name} {path}", partial(make, path))
+
+    def path_if(self, outputs: GuardedOutputs, name: str) -> Path | None:
+        """The path of an output; None if it was not asked for or is not written."""
+        path: Path | None = getattr(self, name)
+        return path if outputs.holds(f"--{name} {path}") else None
 
 
 @expand_groups
@@ -176,17 +191,19 @@ def run(
     """Detect the trees of images, a video, a recording or a simulated drive.
 
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with depth
-    and a camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the results so
-    far.
+    and a camera the measurements of each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the
+    results so far.
     """
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
+        check_complete,
         frame_results,
         note_files,
         source_remarks,
         warnings_shown,
     )
+    from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.frames.pipeline import process
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink
@@ -205,16 +222,14 @@ def run(
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
-    with ExitStack() as stack:
-        if is_stream(source):
-            stack.enter_context(warnings_shown())
-        frames = inputs.open(source, rig, detector, rig_options.depth_scale)
-        writes: list[Callable[[FrameResult], object]] = [totals.add]
+    guarded = GuardedOutputs(others=as_json)
+    with warnings_shown(), guarded:
+        frames = inputs.open(source, rig, detector)
+        writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
         if lines is not None:
-            sink = stack.enter_context(JsonLinesSink(lines, record, grows=False))
-            writes.append(sink.write)
-        opened = outputs.open(stack, source, model_path.name, score_threshold, left_out.reasons)
-        writes += [each.write for each in opened]
+            name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
+            guarded.open(name, lambda: JsonLinesSink(lines, record, grows=False))
+        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons)
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
@@ -225,8 +240,8 @@ def run(
         is_interrupted = _write_all(frame_results(frames, measure, left_out, shown=shown), writes)
         left_out.check_some(totals.frames)
     if as_json:
-        paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
-        paths |= {"csv": outputs.csv, "profiles": outputs.profiles, "coco": outputs.coco}
+        named = {"pictures": "out"} | {each: each for each in ("jsonl", "csv", "profiles", "coco")}
+        paths = {each: outputs.path_if(guarded, name) for each, name in named.items()}
         print_json(
             {
                 "schema": "edgetree.run/1",
@@ -237,25 +252,20 @@ def run(
                 **{name: None if path is None else str(path) for name, path in paths.items()},
                 **({} if outputs.map is None else {"map": str(outputs.map)}),
                 **({"left_out": left_out.reasons} if left_out.reasons else {}),
+                **({"incomplete": guarded.missing()} if guarded.missing() else {}),
                 **({"interrupted": True} if is_interrupted else {}),
             }
         )
     for line in (*totals.lines(), *source_remarks(frames), model_words(detector, model_path)):
         note(line)
-    note_files(
-        {
-            "JSON lines": outputs.jsonl,
-            "table": outputs.csv,
-            "profiles": outputs.profiles,
-            "labels": outputs.coco,
-            "pictures": outputs.out,
-            "report": outputs.report,
-            "map": outputs.map,
-        }
-    )
+    note_files({words: outputs.path_if(guarded, name) for name, words in _FILES.items()})
+    for line in guarded.missing() if is_interrupted else ():
+        note(line)
     if is_interrupted:
         raise KeyboardInterrupt
+    guarded.check()
     left_out.check_none(totals.frames)
+    check_complete(str(source), frames.counts)
     if outputs.out is None:
         options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
         note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} --out pictures")
@@ -294,10 +304,10 @@ def _check(
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
-    from basetree.files.names import VIDEO_SUFFIXES
     from basetree.files.writing import check_paths
     from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
+    from edgetree.sources.videos import is_video
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -311,7 +321,7 @@ def _check(
     check_report(outputs.report)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
-    if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
+    if outputs.coco and is_video(source):
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
     if outputs.coco and is_stream(source) and not is_drive(source):
         raise InputError(f"source {source} is a recording: expected images, as --coco is given")
@@ -320,15 +330,3 @@ def _check(
             f"source {source} has no poses: expected a recording or a drive with poses, as --map is"
             " given; `edgetree live` follows stems without them"
         )
-
-
-def _metres_per_unit(text: str | None) -> float | None:
-    """The value of --depth-scale for a recording."""
-    from basetree.errors import InputError
-
-    try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise InputError(
-            f"--depth-scale is {text}: expected metres per unit, as the source is a recording"
-        ) from error

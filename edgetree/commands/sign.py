@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import note
+from basetree.program.console import note, tell
 
 if TYPE_CHECKING:
     from edgetree.signing import Statement
@@ -80,9 +80,9 @@ def _make_key(path: Path, encrypt: bool) -> None:
             "passphrase", hide_input=True, confirmation_prompt=True, err=True, type=str
         )
     public, identity = new_key(path, passphrase)
-    typer.echo(f"private key  {path}  (keep it with the signer)")
-    typer.echo(f"public key   {public}  (for the machines)")
-    typer.echo(f"key id       {identity}")
+    tell(f"private key  {path}  (keep it with the signer)")
+    tell(f"public key   {public}  (for the machines)")
+    tell(f"key id       {identity}")
     note(f"next: edgetree sign MODEL --key {path}")
 
 
@@ -95,9 +95,9 @@ def _sign(
     end = None if valid_until is None else end_of_day(valid_until)
     private = read_private_key(key, lambda: typer.prompt("passphrase", hide_input=True, err=True))
     file, statement = sign_model(model, private, version=version, name=name, valid_until=end)
-    typer.echo(f"signature  {file}")
+    tell(f"signature  {file}")
     for line in statement_lines(statement):
-        typer.echo(line)
+        tell(line)
     note(f"next, on the machine: edgetree trust --check {model.name}")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import note
+from basetree.program.console import note, tell
 
 if TYPE_CHECKING:
     from edgetree.signing import TrustFile
@@ -61,7 +61,7 @@ def trust(
     if key is not None or remove is not None or require is not None:
         _change(key, valid_until, remove, require)
     for line in _listing():
-        typer.echo(line)
+        tell(line)
 
 
 def _change(
@@ -69,20 +69,22 @@ def _change(
 ) -> None:
     from edgetree.signing.keys import ed25519, read_public_key
     from edgetree.signing.statement import end_of_day
-    from edgetree.signing.trust import TrustedKey, own_file, read_trust_file, write_trust_file
+    from edgetree.signing.trust import TrustedKey, change_trust_file, own_file
+
+    def change(content: TrustFile) -> TrustFile:
+        if key is not None:
+            end = None if valid_until is None else end_of_day(valid_until)
+            content = content.with_key(TrustedKey.of(read_public_key(key), key.stem, end))
+        if remove is not None:
+            content = content.without_key(remove)
+        if require is not None:
+            if require:
+                ed25519()  # or no model could be opened
+            content = dataclasses.replace(content, require_signature=require)
+        return content
 
     path = own_file()
-    content: TrustFile = read_trust_file(path)
-    if key is not None:
-        end = None if valid_until is None else end_of_day(valid_until)
-        content = content.with_key(TrustedKey.of(read_public_key(key), key.stem, end))
-    if remove is not None:
-        content = content.without_key(remove)
-    if require is not None:
-        if require:
-            ed25519()  # or no model could be opened
-        content = dataclasses.replace(content, require_signature=require)
-    write_trust_file(path, content)
+    change_trust_file(path, change)
     note(f"changed: {path}")
 
 
@@ -119,8 +121,8 @@ def _check_model(model: Path) -> None:
 
     check_is_file(model)
     accepted = check_signature(model, current_trust())
-    typer.echo(f"accepted   {model}")
+    tell(f"accepted   {model}")
     if accepted.key is not None and accepted.statement is not None:
-        typer.echo(f"key        {accepted.key.id}  {accepted.key.name}")
+        tell(f"key        {accepted.key.id}  {accepted.key.name}")
         for line in statement_lines(accepted.statement):
-            typer.echo(line)
+            tell(line)

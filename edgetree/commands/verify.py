@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_json, tell
 from edgetree.commands.export import record, showing_differences
 from edgetree.commands.options import Json
 
@@ -30,6 +30,7 @@ def verify(
     if as_json:
         print_json(record(report))
         return
-    typer.echo(report.parity.table())
-    typer.echo(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
+    for line in report.parity.table().splitlines():
+        tell(line)
+    tell(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
     note(f"next: edgetree bench {file}")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from calib.depth.files import in_metres
+from calib.depth.convention import in_metres
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
 from edgetree.detections import TreeDetections
 from edgetree.model_file.manifest import Manifest

@@ -15,6 +15,7 @@ import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
+from basetree.files.regular import read_regular
 from edgetree.frames.images import read_image
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def _test_split_names(folder: Path) -> frozenset[str]:
     if not path.is_file():
         return frozenset()
     try:
-        images = json.loads(path.read_text(encoding="utf-8"))["images"]
+        images = json.loads(read_regular(path))["images"]
         return frozenset(Path(image["file_name"]).stem for image in images)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a COCO file ({error!r}), expected images in it") from error

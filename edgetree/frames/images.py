@@ -3,37 +3,61 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from basetree.files.picture_size import check_picture_size
-from basetree.files.reading import decode_image
+from basetree.files.headers.exif import orientation_words
+from basetree.files.picture_size import most_picture_bytes
+from basetree.files.reading import Picture, decode_picture, orientation_note
+from basetree.files.regular import read_regular
 from edgetree.detections import TreeDetections
 from edgetree.frames.pipeline import FoundTrees
 
-_LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
+_LOSSLESS: Final = ("PNG", "TIFF", "BMP", "PNM")
 _MAX_TREES: Final = 100
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read a colour image, (H, W, 3) uint8 BGR. Greyscale images are converted to colour.
+    """Read a colour image as stored, (H, W, 3) uint8 BGR; as `read_colour`."""
+    return np.asarray(read_colour(path).pixels, dtype=np.uint8)
+
+
+def read_colour(path: Path) -> Picture:
+    """Read a colour image. Greyscale images are converted to colour.
+
+    Returns:
+        Its stored pixels, (H, W, 3) uint8 BGR, and the orientation that it states.
 
     Raises:
         InputError: The file is missing, not an image, truncated, or has more than 8 bits.
-        InputFileError: It has more pixels than `limits.Limits.image_pixels`.
+        InputFileError: It has more pixels than `limits.Limits.image_pixels`, or is of a format
+            that is not read.
     """
-    expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
-    image = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
-    if image.dtype != np.uint8:
+    expected = "expected a complete 8-bit JPEG or PNG image, or TIFF, BMP, WebP, GIF or PNM"
+    picture = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
+    if picture.pixels.dtype != np.uint8:
         raise InputError(
-            f"image {path} is {image.dtype}: expected 8-bit colour; pass depth images with"
+            f"image {path} is {picture.pixels.dtype}: expected 8-bit colour; pass depth images with"
             " --depth, or use --model depth"
         )
-    return np.asarray(image, dtype=np.uint8)
+    return picture
+
+
+def taken_words(orientation: int, upright: bool) -> str:
+    """Say how the pixels of a picture that states an EXIF orientation were taken.
+
+    Args:
+        orientation: The orientation.
+        upright: Whether they were turned as it says.
+    """
+    taken = "turned upright, as neither depth nor a camera is given"
+    if not upright:
+        taken = "taken as stored, those of the camera"
+    return f"{orientation_words(orientation)}: the pixels are {taken}"
 
 
 def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
@@ -54,8 +78,8 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
     height, width = values.shape
     if (width, height) != size_px:
         raise InputError(
-            f"mask {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px,"
-            " like the image"
+            f"mask {path} is {width}x{height} px{orientation_note(path)}: expected"
+            f" {size_px[0]}x{size_px[1]} px, like the image"
         )
     numbers = [int(value) for value in np.unique(values) if value]
     if not 1 <= len(numbers) <= _MAX_TREES:
@@ -78,28 +102,27 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
 def _read_values(path: Path) -> NDArray[np.integer]:
     """(H, W) the values of a mask image."""
     expected = "expected one channel of 8 or 16 bits, 0 for background and a number for each tree"
-    if path.suffix.lower() not in _LOSSLESS:
-        raise InputError(f"mask {path} is not in a lossless format: expected a PNG")
-    values = _decoded(path, f"mask {path}", cv2.IMREAD_UNCHANGED, expected)
+    picture = _decoded(path, f"mask {path}", cv2.IMREAD_UNCHANGED, expected)
+    if picture.format_name not in _LOSSLESS:
+        raise InputError(
+            f"mask {path} is {picture.format_name}, not in a lossless format: expected a PNG"
+        )
+    values = picture.pixels
     if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
         channels = 1 if values.ndim == 2 else values.shape[2]
         raise InputError(f"mask {path} has {channels} channel(s) of {values.dtype}: {expected}")
     return np.asarray(values)
 
 
-def _decoded(path: Path, name: str, flags: int, expected: str) -> NDArray[Any]:
-    """The pixels of an image file. OpenCV reads a PNG without its last chunk in part."""
+def _decoded(path: Path, name: str, flags: int, expected: str) -> Picture:
     try:
-        data = np.fromfile(path, dtype=np.uint8)
+        data = read_regular(path, most_picture_bytes())
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror}): {expected}") from error
-    check_picture_size(path)
-    is_png = data[:8].tobytes().startswith(b"\x89PNG")
-    is_cut_off = is_png and b"IEND" not in data[-64:].tobytes()
-    pixels = None if is_cut_off else decode_image(data, flags)
-    if pixels is None:
-        raise InputError(f"{name} cannot be read ({data.size} bytes): {expected}")
-    return pixels
+    picture = decode_picture(data, flags, name)
+    if picture is None:
+        raise InputError(f"{name} cannot be read ({len(data)} bytes): {expected}")
+    return picture
 
 
 def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:

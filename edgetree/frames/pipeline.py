@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
+from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
@@ -59,6 +60,7 @@ class FrameResult:
         metres_need: What measuring needs; None if the trees were measured.
         camera: The camera of the measurement, of the frame's size; None if it is not known.
         scaling: a note if the rig's camera was scaled to the frame's size, else None.
+        turning: a note if the frame was turned by its vertical, else None.
     """
 
     frame: Frame
@@ -67,6 +69,7 @@ class FrameResult:
     metres_need: str | None
     camera: PinholeCamera | None = None
     scaling: str | None = None
+    turning: str | None = None
 
     @property
     def trees(self) -> TreeDetections:
@@ -115,18 +118,24 @@ def process(
         InputError: The frame does not have the kind of image that the model takes.
         CameraError: The camera is for another aspect ratio.
     """
-    return measure_frame(frame, find_trees(frame, detector), rig, settings)
+    return measure_frame(frame, find_trees(frame, detector, rig), rig, settings)
 
 
-def find_trees(frame: Frame, detector: TreeDetector) -> FoundTrees:
+def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> FoundTrees:
     """Detect the trees of a frame: the first half of `process`.
+
+    Args:
+        frame: The frame.
+        detector: The model.
+        rig: How the camera is turned, as for `process`.
 
     Raises:
         InputError: The frame does not have the kind of image that the model takes.
     """
     image = image_for(detector, frame)
+    turn = (rig or Rig()).turn(frame)
     start = time.perf_counter()
-    trees = detector.detect(image)
+    trees = turn.back.trees(detector.detect(turn.picture(image)))
     return FoundTrees.detected(trees, (time.perf_counter() - start) * 1000)
 
 
@@ -153,8 +162,10 @@ def measure_frame(
     need = _needed(frame, camera)
     measurements = None
     if frame.depth_m is not None and camera is not None:
+        rig.tell_lens()
         measurements = _measure(frame, frame.depth_m, camera, found, rig, settings)
-    return FrameResult(frame, found, measurements, need, camera, _scaling(rig.camera, camera))
+    scaling, turning = _scaling(rig.camera, camera), _turning(frame, rig)
+    return FrameResult(frame, found, measurements, need, camera, scaling, turning)
 
 
 def _measure(
@@ -169,20 +180,38 @@ def _measure(
 
     if frame.depth_fault is not None:
         return [TreeMeasurement.failed(frame.depth_fault) for _ in range(len(found.trees))]
-    return measure_trees(
-        found.trees,
-        depth_m,
-        camera,
-        masks=found.masks,
-        up_camera=rig.up_camera if frame.up_camera is None else frame.up_camera,
-        mounting=rig.mounting,
+    turn, masks, mounting = rig.turn(frame), found.masks, rig.mounting
+    up_camera = rig.up_camera if frame.up_camera is None else frame.up_camera
+    if turn:
+        masks = None if masks is None else np.stack([turn.picture(mask) for mask in masks])
+        up_camera = None if up_camera is None else turn.directions(up_camera)
+        mounting = None if mounting is None else turn.mounting(mounting)
+    measured = measure_trees(
+        turn.trees(found.trees),
+        turn.picture(depth_m),
+        turn.camera(camera) if turn else camera,
+        masks=masks,
+        up_camera=up_camera,
+        mounting=mounting,
         settings=settings,
+    )
+    return [turn.back.measurement(tree) for tree in measured] if turn else measured
+
+
+def _turning(frame: Frame, rig: Rig) -> str | None:
+    """A note if the frame was turned although the user did not say so."""
+    turn = rig.turn(frame)
+    if rig.rotation_deg is not None or not turn:
+        return None
+    return (
+        f"the vertical says that the camera lies on its side: pictures are turned by {turn} for"
+        " the model, results are in the pixels as they are; --rotate says it otherwise"
     )
 
 
 def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | None:
-    """A note if the rig's camera was scaled."""
-    if given is used or given is None or used is None:
+    """A note if the rig's camera was scaled; one without a size tells it itself."""
+    if given is used or given is None or used is None or isinstance(given, SizelessCamera):
         return None
     return (
         f"the camera is for {given.width}x{given.height} px:"

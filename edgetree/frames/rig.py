@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
+import logging
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
+from basetree.files.reading import orientation_note
+from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
+from edgetree.frames.turning import Turn, check_rotation, turn_of
 
-_MILLIMETRE_M = 0.001
+_log = logging.getLogger(__name__)
 
 
 class DepthReading(NamedTuple):
@@ -40,11 +44,16 @@ class Rig:
         depth_camera: The depth camera; None if depth files are aligned with the images.
         depth_extrinsics: Transform from the depth camera's frame to the image camera's; None for
             the identity.
-        depth_scale_m: Metres per unit of an integer depth file.
+        depth_scale_m: Metres per unit of the depth. None: integers are millimetres, floating point
+            is metres.
         depth_calibration: Correction of the depth; None for no correction.
+        depth_kind: "depth" along the optical axis, or "range" along the ray of each pixel.
+        rotation_deg: Degrees, 90, 180 or 270, by which pictures must be turned clockwise to be
+            upright; None: a camera on its side is told by its vertical. All else is that of the
+            camera as it is mounted, and so are results.
 
     Raises:
-        InputError: The scale is not positive, or a value needs another one that is missing.
+        InputError: A value is out of its range, or needs another one that is missing.
     """
 
     camera: calib.PinholeCamera | None = None
@@ -52,20 +61,33 @@ class Rig:
     mounting: calib.RigidTransform | None = None
     depth_camera: calib.PinholeCamera | None = None
     depth_extrinsics: calib.RigidTransform | None = None
-    depth_scale_m: float = _MILLIMETRE_M
+    depth_scale_m: float | None = None
     depth_calibration: calib.DepthScale | None = None
+    depth_kind: calib.DepthKind = "depth"
+    rotation_deg: int | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.depth_scale_m) and self.depth_scale_m > 0):
-            raise InputError(
-                f"--depth-scale is {self.depth_scale_m}: expected metres per unit, above 0"
-            )
+        check_scale(self.depth_scale_m, "--depth-scale")
+        check_kind(self.depth_kind, "--depth-kind")
+        check_rotation(self.rotation_deg, "--rotate")
         if self.depth_camera is not None and self.camera is None:
             raise InputError(
                 "--depth-camera given without --camera: expected both, to align depth and image"
             )
         if self.depth_extrinsics is not None and self.depth_camera is None:
             raise InputError("--depth-extrinsics given without --depth-camera: expected both")
+
+    def turn(self, frame: Frame) -> Turn:
+        """The turn that makes a frame upright."""
+        up_camera = self.up_camera if frame.up_camera is None else frame.up_camera
+        if up_camera is None and self.mounting is not None:
+            up_camera = self.mounting.rotation[2]  # of a machine that stands level
+        return turn_of(self.rotation_deg, up_camera)
+
+    @property
+    def depth_convention(self) -> calib.DepthConvention:
+        """Unit, kind and correction of the depth."""
+        return calib.DepthConvention(self.depth_scale_m, self.depth_kind, self.depth_calibration)
 
     def camera_for(self, width: int, height: int) -> calib.PinholeCamera | None:
         """The image camera, scaled to images of this size; None if it is not known.
@@ -78,6 +100,14 @@ class Rig:
             CameraError: The camera is for another aspect ratio.
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
+
+    def tell_lens(self) -> None:
+        """Warn, once for a camera, if its lens bends the pixels in which the depth is given.
+
+        Depth of another camera is moved into these pixels, and needs no warning.
+        """
+        if self.camera is not None and self.camera.distortion and self.depth_camera is None:
+            _warn_of_lens(self.camera)
 
     def completed(self, frame: Frame, width: int, height: int) -> Frame:
         """The frame with this camera and vertical, where its source does not know them.
@@ -94,6 +124,8 @@ class Rig:
         if up_camera is None and self.up_camera is not None:
             up_camera = unit_vector(self.up_camera)
         camera = frame.camera or self.camera_for(width, height)
+        if frame.camera is None and frame.depth_m is not None:
+            self.tell_lens()
         return replace(frame, camera=camera, up_camera=up_camera)
 
     def read_depth(
@@ -108,16 +140,17 @@ class Rig:
 
         Raises:
             InputError: The size differs from the image's, and there is no depth camera.
-            InputError: The file cannot be read, or a camera is for another aspect ratio.
+            InputError: The file cannot be read, or a camera is for another aspect ratio or lacks.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
-        if self.depth_calibration is not None:
-            depth_m = self.depth_calibration.apply(depth_m)
+        height, width = depth_m.shape
+        depth_m = self.depth_convention.corrected(
+            depth_m, f"depth {path}", self._camera_of_depth(path, width, height)
+        )
         check = calib.check_depth(depth_m)
         fault = f"depth {path}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
         if size_px is None:
             return DepthReading(depth_m, fault)
-        height, width = depth_m.shape
         if self.depth_camera is not None:
             own = _depth_camera_of(self.depth_camera, path, width, height)
             return DepthReading(self._registered(depth_m, own, size_px), fault)
@@ -125,9 +158,17 @@ class Rig:
             hint = "; pass --depth-camera if another camera took it" if self.camera else ""
             raise InputError(
                 f"depth {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px, like"
-                f" image {image}{hint}"
+                f" image {image}{orientation_note(image) if image else ''}{hint}"
             )
         return DepthReading(depth_m, fault)
+
+    def _camera_of_depth(self, path: Path, width: int, height: int) -> calib.PinholeCamera | None:
+        """The camera of a range image; None if there is none, or the file holds depth."""
+        if self.depth_kind == "depth":
+            return None
+        if self.depth_camera is not None:
+            return _depth_camera_of(self.depth_camera, path, width, height)
+        return self.camera_for(width, height)
 
     def _registered(
         self,
@@ -140,6 +181,23 @@ class Rig:
         assert camera is not None
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
         return calib.register_depth(depth_m, depth_camera, camera, transform)
+
+
+@lru_cache(maxsize=64)
+def _warn_of_lens(camera: calib.PinholeCamera) -> None:
+    size = np.array([camera.width, camera.height])
+    corners_px = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size
+    rays = calib.pixels_to_rays(camera, corners_px)[:, :2]
+    straight_px = rays * [camera.fx, camera.fy] + [camera.cx + 0.5, camera.cy + 0.5]
+    moved_px = float(np.linalg.norm(straight_px - corners_px, axis=1).max())
+    terms = ", ".join(f"{term:g}" for term in camera.distortion)
+    _log.warning(
+        "the camera has a lens (%s %s) that moves the corners of the picture by up to %.3g px, and"
+        " the depth is taken to be in the same unrectified pixels; if picture and depth are"
+        " rectified, as from the ZED SDK, give the rectified camera, without distortion (of a ZED"
+        " factory file the name that ends in _RECTIFIED)",
+        *(camera.distortion_model, terms, moved_px),
+    )
 
 
 def _depth_camera_of(

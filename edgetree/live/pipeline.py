@@ -80,7 +80,8 @@ class LivePipeline:
         self._open_source = open_source
         self._detector = detector
         self._rig = rig or Rig()
-        self._mounted = Rig(mounting=self._rig.mounting)
+        self._mounted = Rig(mounting=self._rig.mounting, rotation_deg=self._rig.rotation_deg)
+        self._turning: str | None = None
         self._settings = settings
         self._tracker = tracker or StemTracker()
         self._reopen_s = reopen_s
@@ -186,7 +187,7 @@ class LivePipeline:
                     self._leave_out(frame, f"without {kind}, which the model takes")
                     continue
                 try:
-                    found = find_trees(frame, self._detector)
+                    found = find_trees(frame, self._detector, self._rig)
                 except ModelFileError:
                     raise
                 except InputError as error:
@@ -214,6 +215,9 @@ class LivePipeline:
         except InputError as error:
             self._leave_out(arrived.frame, str(error))
             return None
+        if measured.turning is not None and self._turning is None:
+            self._turning = measured.turning
+            _log.warning("%s", measured.turning)
         middle_s = time.perf_counter()
         result = followed(measured, self._tracker)
         end_s = time.perf_counter()

@@ -204,6 +204,7 @@ def unit_up(up_camera: ArrayLike) -> Float:
         seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
         raise InputError(
             f"up is {np.round(up, 2).tolist()} in the camera's frame (x right, y down, z forward),"
-            f" so that the camera looks {seen}: expected the direction away from gravity"
+            f" so that the camera looks {seen}: expected the direction away from gravity, or for a"
+            " camera that is mounted upside down --rotate 180 (in Python Rig(rotation_deg=180))"
         )
     return up

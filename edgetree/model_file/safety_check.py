@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from basetree.files.regular import open_regular
 from edgetree.errors import ModelFileError
 from edgetree.model_file.graph_rules import (
     MAX_ELEMENTS,
@@ -80,7 +81,7 @@ def read_model_file(path: Path) -> ModelFile:
     """
     check_is_file(path)
     try:
-        with _errors_naming(path), path.open("rb") as stream:
+        with _errors_naming(path), open_regular(path) as stream:
             if not stream.read(1):
                 raise _NotOnnx("it is empty")
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -98,7 +99,8 @@ def check_is_file(path: Path) -> None:
         ModelFileError: It does not, or is a folder or another special file.
     """
     if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "does not exist"
+        special = "is a pipe, socket or device" if path.exists() else "does not exist"
+        problem = "is a folder" if path.is_dir() else special
         raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
 
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TextIO, TypeVar
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import QUANTITIES, Estimate, StemProfile, TreeMeasurement
 from edgetree.measure.estimates import interval_keys
+from edgetree.results.csv_cells import text_cell
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
 
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
 
-_FORMULA_SIGNS: Final = ("=", "+", "-", "@", "\t", "\r")
 _DIGITS: Final = 5
 
 _Result = TypeVar("_Result", bound=FrameResult)
@@ -51,17 +51,14 @@ class Table(Generic[_Result]):
 def cell(value: object) -> object:
     """A value for a cell.
 
-    Numbers are rounded to five digits. Text is put on one line, and escaped if a spreadsheet
-    would take it for a formula.
+    Numbers are rounded to five digits. Text is put on one line, and escaped where a spreadsheet
+    would take it for a formula, see `text_cell`.
     """
     if isinstance(value, float):
         return round(value, _DIGITS)
     if isinstance(value, Iterable) and not isinstance(value, str):
         value = "; ".join(map(str, value))
-    if not isinstance(value, str):
-        return value
-    text = " ".join(value.split())
-    return f"'{text}" if text.startswith(_FORMULA_SIGNS) else text
+    return text_cell(value) if isinstance(value, str) else value
 
 
 def measurements_of(result: FrameResult) -> list[TreeMeasurement]:

@@ -10,9 +10,10 @@ import numpy as np
 from basetree.arrays import Float
 from calib.directions import level_rotation
 from edgetree.frames.frame import Frame
+from edgetree.frames.pipeline import find_trees, measure_frame
 from edgetree.frames.rig import Rig
 from edgetree.live.tracking import StemTracker
-from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
+from edgetree.measure import Failure, MeasureSettings, StemAxis
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
@@ -44,7 +45,8 @@ class StemFinder:
     """
 
     def __init__(self, detector: TreeDetector, rig: Rig) -> None:
-        self._detector, self._rig = detector, rig
+        self._detector = detector
+        self._rig = Rig(mounting=rig.mounting, rotation_deg=rig.rotation_deg)
         self._settings = MeasureSettings(lean_std_deg=_LEAN_STD_DEG)
         self._tracker = StemTracker()
         self.sightings: list[Sighting] = []
@@ -55,15 +57,9 @@ class StemFinder:
         image = frame.depth_m if takes_depth else frame.image
         if image is None or frame.depth_m is None or frame.camera is None:
             return
-        trees = self._detector.detect(image)
-        measured = measure_trees(
-            trees,
-            frame.depth_m,
-            frame.camera,
-            up_camera=frame.up_camera,
-            mounting=self._rig.mounting,
-            settings=self._settings,
-        )
+        found = find_trees(frame, self._detector, self._rig)
+        measured = measure_frame(frame, found, self._rig, self._settings).measurements or []
+        trees = found.trees
         tracks = self._tracker.update(frame, trees, measured)
         bare = replace(frame, image=None, depth_m=None)
         for track in tracks:

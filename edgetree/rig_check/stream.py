@@ -11,7 +11,7 @@ from basetree.arrays import UInt8
 from calib import DepthFailure, check_depth
 from edgetree.frames.frame import Frame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
-from edgetree.sources.source import REMARKS
+from edgetree.sources.source import DEPTH_PLACED_BY_GUESS, REMARKS
 
 GROUP: Final = "frames"
 
@@ -113,6 +113,7 @@ class StreamCounts:
         )
         return [
             self._share("faulty depth", self._faults, self.frames, self._first_fault),
+            self._placed(source_counts.get(DEPTH_PLACED_BY_GUESS, 0)),
             RigCheck("pixels with depth", GROUP, HOLDS, None, "%", share),
             *(
                 self._share(name, count, total, reason, _FROZEN_LIMIT_PERCENT)
@@ -121,6 +122,22 @@ class StreamCounts:
             self._share("gaps in time", gaps, pairs, "frames are lost: cable, load or disk"),
             self._share("frames left out", lost, self.frames + lost, left),
         ]
+
+    def _placed(self, guesses: int) -> RigCheck:
+        """Whether the place of the depth camera is known; one frame tells."""
+        reason = (
+            "depth and colour have one frame and other lenses: record aligned depth, or frames of"
+            " their own with a transform"
+        )
+        return RigCheck(
+            "depth from an unknown place",
+            GROUP,
+            NO if guesses else HOLDS,
+            0.0,
+            "%",
+            100 * guesses / max(self.frames, 1),
+            reason=reason if guesses else "",
+        )
 
     def _share(
         self, name: str, count: int, total: int, reason: str, limit: float = _LIMIT_PERCENT

@@ -18,6 +18,7 @@ except ImportError:  # Windows
 from basetree.errors import InputError
 from basetree.files import current_limits
 from basetree.files.names import is_utf8
+from basetree.files.regular import read_regular
 from edgetree.errors import ModelFileError
 from edgetree.runtime.providers import (
     AUTO,
@@ -111,7 +112,7 @@ def _start(
     limit = _memory_limit(most) if provider.name == CPU else nullcontext()
     model: str | bytes = str(path)
     if content is not None or not is_utf8(path):
-        model = path.read_bytes() if content is None else content
+        model = read_regular(path) if content is None else content
     try:
         with limit:
             session = onnxruntime.InferenceSession(

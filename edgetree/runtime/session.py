@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -70,6 +71,9 @@ def usable_cores() -> int:
 class OrtSession:
     """A model file opened in onnxruntime. Thread-safe.
 
+    A process that is forked gets its memory, but not onnxruntime's threads: there it can be used
+    with one thread on the CPU alone.
+
     Args:
         path: The .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened,
             and have an accepted signature where one is required, see `edgetree.signing`.
@@ -124,6 +128,8 @@ class OrtSession:
             for items in (self._session.get_inputs(), self._session.get_outputs())
         )
         self._turn = threading.Lock() if self._provider.one_at_a_time else nullcontext()
+        self._process = os.getpid()
+        _open_sessions.add(self)
 
     @property
     def placement(self) -> dict[str, dict[str, int]]:
@@ -142,8 +148,15 @@ class OrtSession:
         """Run the graph on inputs by name; returns all outputs by name.
 
         Raises:
-            ModelFileError: Onnxruntime cannot run the model on these inputs.
+            ModelFileError: Onnxruntime cannot run the model on these inputs, or it was opened with
+                several threads before this process was forked.
         """
+        if self._process != os.getpid() and (self.threads > 1 or self.provider != CPU):
+            raise ModelFileError(
+                f"model {self.name} was opened in process {self._process}, and this is process"
+                f" {os.getpid()}, forked from it without the threads of onnxruntime: expected it to"
+                " be opened in each process, or processes that multiprocessing starts by 'spawn'"
+            )
         try:
             with self._turn:
                 values = self._run(inputs)
@@ -170,6 +183,22 @@ class OrtSession:
             self._session.run_with_iobinding(binding)
             values = binding.copy_outputs_to_cpu()
         return values
+
+
+_open_sessions: weakref.WeakSet[OrtSession] = weakref.WeakSet()
+
+
+def _never_close() -> None:
+    """Keep the sessions of a forked process for ever: to close them, they wait for lost threads."""
+    import ctypes
+
+    for session in _open_sessions:
+        for part in (session._session, getattr(session._session, "_sess", None)):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(part))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_never_close)
 
 
 class FakeSession:

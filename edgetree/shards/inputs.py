@@ -17,8 +17,10 @@ from basetree.jobs import LocalStore, Store, fetch, open_store
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
 from edgetree.sources.bags.names import BAG_SUFFIXES
-from edgetree.sources.files import depth_names, frame_names, open_image_files
+from edgetree.sources.depth_pairing import depth_names, frame_names
+from edgetree.sources.files import open_image_files
 from edgetree.sources.opening import open_frames
+from edgetree.sources.source import FrameSource
 
 _RECORDINGS: Final = (*VIDEO_SUFFIXES, *BAG_SUFFIXES)
 
@@ -32,10 +34,11 @@ class _Entry(NamedTuple):
 
 
 class FramesOfUnit(NamedTuple):
-    """Frames, and the folders on this machine that stand for the source's."""
+    """Frames, the folders on this machine that stand for the source's, and what is read."""
 
     frames: Iterator[Frame]
     folders: dict[str, str]
+    source: FrameSource
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,14 @@ class FrameFiles:
         depth: Folder or URL of the depth images; None if there are none.
         entries: The files by name.
         are_recordings: Whether the files are videos or recordings of ROS.
+        missing_depth: Names of depth files that do not exist.
     """
 
     source: Store
     depth: Store | None
     entries: tuple[_Entry, ...]
     are_recordings: bool
+    missing_depth: frozenset[str] = frozenset()
 
     @property
     def digest(self) -> str:
@@ -79,7 +84,7 @@ class FrameFiles:
         entries = self.entries[start : start + count]
         with tempfile.TemporaryDirectory() as folder:
             images = _here(self.source, [e.file for e in entries], Path(folder) / "images")
-            names = [e.depth for e in entries if e.depth is not None]
+            names = [e.depth for e in entries if e.depth and e.depth not in self.missing_depth]
             depths = (
                 None if self.depth is None else _here(self.depth, names, Path(folder) / "depth")
             )
@@ -89,14 +94,14 @@ class FrameFiles:
             if self.are_recordings:
                 (entry,) = entries
                 with closing(open_frames(images / entry.file, rig=rig)) as frames:
-                    yield FramesOfUnit(iter(frames), folders)
+                    yield FramesOfUnit(iter(frames), folders, frames)
                 return
             files = [
                 (e.name, images / e.file, depths / e.depth if depths and e.depth else None)
                 for e in entries
             ]
             opened = open_image_files(files, depth_only=depth_only, rig=rig)
-            yield FramesOfUnit(iter(opened), folders)
+            yield FramesOfUnit(iter(opened), folders, opened)
 
 
 def _here(store: Store, names: list[str], folder: Path) -> Path:
@@ -115,7 +120,7 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
         depth: Folder or URL with a depth image of the same stem for each image.
 
     Raises:
-        InputError: There are no images or recordings, or a depth image is missing.
+        InputError: There are no images or recordings, or no image has depth.
         StoreError: a place cannot be read.
     """
     if source.suffix.lower() in _RECORDINGS and source.is_file():
@@ -139,13 +144,14 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
         entries = tuple(_Entry(PurePosixPath(name).stem, name, None) for name in files)
         return FrameFiles(store, None, entries, are_recordings=True)
     depths: list[str | None] = [None] * len(images)
-    depth_store = None
+    depth_store, missing = None, frozenset[str]()
     paths = [PurePosixPath(name) for name in images]
     if depth is not None:
         depth_store = open_store(depth)
-        depths = [*depth_names(paths, depth_store.sizes(""), store.where, depth_store.where)]
+        paired = depth_names(paths, depth_store.sizes(""), store.where, depth_store.where)
+        depths, missing = [*paired.names], paired.missing
     entries = tuple(map(_Entry, frame_names(paths), images, depths))
-    return FrameFiles(store, depth_store, entries, are_recordings=False)
+    return FrameFiles(store, depth_store, entries, are_recordings=False, missing_depth=missing)
 
 
 def _suffix(name: str) -> str:

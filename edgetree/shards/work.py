@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
+from basetree.files.regular import read_regular
 from basetree.jobs import Job, JobError, Store
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult, process
@@ -19,6 +20,7 @@ from edgetree.frames.rig import Rig
 from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import frame_record
 from edgetree.shards.inputs import FramesOfUnit, list_frames
+from edgetree.sources.source import INCOMPLETE
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
@@ -109,6 +111,8 @@ class FrameWork:
                 PROFILES.write_rows(profiles, outcome)
             else:
                 left_out.append(_as_shown(" ".join(str(outcome).split()), shown))
+        counts, where = opened.source.counts, _as_shown(opened.source.name, shown)
+        left_out += [f"{where}: {counts[name]} {name}" for name in INCOMPLETE if counts.get(name)]
         return {
             "schema": "edgetree.part/1",
             "frames": records,
@@ -162,4 +166,4 @@ def model_files(model: Path) -> dict[str, bytes]:
     """
     signature = Path(f"{model}{_SIGNATURE}")
     paths = [model, *([signature] if signature.is_file() else [])]
-    return {path.name: path.read_bytes() for path in paths}
+    return {path.name: read_regular(path) for path in paths}

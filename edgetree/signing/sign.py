@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from basetree.errors import InputError, InputFileError
+from basetree.files.regular import read_regular
 from basetree.files.writing import write_text
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
@@ -47,7 +48,7 @@ def sign_model(
     """
     check_is_file(path)
     try:
-        content = path.read_bytes()
+        content = read_regular(path)
     except OSError as error:
         raise ModelFileError(f"model {path} cannot be read ({error.strerror})") from error
     metadata = check_content(content, path).metadata

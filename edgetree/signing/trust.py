@@ -10,12 +10,14 @@ import base64
 import dataclasses
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from basetree.errors import InputError, InputFileError
+from basetree.errors import InputError
 from basetree.files.json import json_text
+from basetree.files.locking import locked
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
 from edgetree.signing.json_files import read_record
@@ -176,16 +178,29 @@ def write_trust_file(path: Path, trust: TrustFile) -> None:
     Raises:
         InputError: It cannot be written.
     """
+    _make_folder(path.parent)
+    write_whole(path, json_text(SCHEMA, dataclasses.asdict(trust)).encode(), _READABLE_BY_ALL)
+
+
+def change_trust_file(path: Path, change: Callable[[TrustFile], TrustFile]) -> None:
+    """Read, change and write a trust file, without losing what another process changes.
+
+    Raises:
+        InputError: It cannot be read or written, or the change is refused.
+    """
+    _make_folder(path.parent)
+    with locked(path):
+        write_trust_file(path, change(read_trust_file(path)))
+
+
+def _make_folder(folder: Path) -> None:
     try:
-        if not path.parent.is_dir():
-            path.parent.mkdir(parents=True)
-            path.parent.chmod(_FOLDER_READABLE_BY_ALL)
-        write_whole(path, json_text(SCHEMA, dataclasses.asdict(trust)).encode(), _READABLE_BY_ALL)
-    except InputFileError as error:
-        raise InputError(str(error)) from error
+        if not folder.is_dir():
+            folder.mkdir(parents=True)
+            folder.chmod(_FOLDER_READABLE_BY_ALL)
     except OSError as error:
         raise InputError(
-            f"folder {path.parent} cannot be made ({error.strerror}): expected a writable folder"
+            f"folder {folder} cannot be made ({error.strerror}): expected a writable folder"
         ) from error
 
 

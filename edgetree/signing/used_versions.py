@@ -16,6 +16,7 @@ from typing import Final
 
 from basetree.errors import InputFileError
 from basetree.files.json import json_text
+from basetree.files.locking import locked
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
 from edgetree.signing.json_files import read_record
@@ -131,40 +132,72 @@ def check_version(statement: Statement, path: Path, used: UsedVersions, file: Pa
         )
 
 
-def record_use(statement: Statement, path: Path, now: datetime) -> None:
-    """Record that a model is used.
+def record_use(statement: Statement, path: Path, file: Path, now: datetime) -> None:
+    """Check once more that a model is not older than what was used here, and record its use.
 
-    Nothing is written for a known version on the same day.
+    Another process may have used a higher version since the signature was checked. Nothing is
+    written for a known version on the same day.
 
     Args:
         statement: The statement of the model's signature.
-        path: The file of the used versions.
+        path: The model file, for messages.
+        file: The file of the used versions.
         now: The time by the clock.
 
     Raises:
-        SignatureError: a new version cannot be recorded. A later time that cannot be recorded is a
-            warning, so that a full disk does not stop a machine.
+        SignatureError: The model is older than one that was used, or a new version cannot be
+            recorded. A later time that cannot be recorded is a warning, so that a full disk does
+            not stop a machine.
     """
-    used = read_used(path)
-    latest = used.latest(now)
+    used = read_used(file)
+    check_version(statement, path, used, file)
     highest = used.highest(statement.name)
     is_new = highest is None or statement.version > highest.version
     known = None if used.latest_time is None else parse_time(used.latest_time)
-    if not is_new and known is not None and latest - known < _TIME_STEP:
+    if not is_new and known is not None and used.latest(now) - known < _TIME_STEP:
         return
-    entry = UsedVersion(statement.name, statement.version, statement.file_sha256)
-    others = tuple(model for model in used.models if model.name != statement.name)
-    models = (*others, entry) if is_new else used.models
-    text = json_text(_SCHEMA, asdict(UsedVersions(time_text(latest), models)))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text.encode())
+        _change(file, now, statement, path)
     except (InputFileError, OSError) as error:
         reason = f"{error.strerror}" if isinstance(error, OSError) else str(error)
-        problem = f"the version of model {statement.name!r} cannot be recorded in {path} ({reason})"
+        problem = f"the version of model {statement.name!r} cannot be recorded in {file} ({reason})"
         if is_new:
             raise SignatureError(
                 f"{problem}: expected a writable folder, such as that of StateDirectory= in a"
                 " systemd unit, or XDG_STATE_HOME"
             ) from error
         _log.warning("%s", problem)
+
+
+def record_time(file: Path, now: datetime) -> None:
+    """Record that the clock has shown a time, so that it cannot be set back behind it.
+
+    Failing to write is a warning.
+
+    Args:
+        file: The file of the used versions.
+        now: The time by the clock.
+
+    Raises:
+        SignatureError: The file is not one of edgetree.
+    """
+    try:
+        _change(file, now)
+    except (InputFileError, OSError) as error:
+        _log.warning("the time cannot be recorded in %s (%s)", file, error)
+
+
+def _change(
+    file: Path, now: datetime, statement: Statement | None = None, path: Path | None = None
+) -> None:
+    """Write the latest time, and the version of a model that is used, without losing others'."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with locked(file):
+        used = read_used(file)
+        models = used.models
+        if statement is not None and path is not None:
+            check_version(statement, path, used, file)
+            entry = UsedVersion(statement.name, statement.version, statement.file_sha256)
+            models = (*(model for model in models if model.name != statement.name), entry)
+        latest = time_text(used.latest(now))
+        write_whole(file, json_text(_SCHEMA, asdict(UsedVersions(latest, models))).encode())

@@ -12,13 +12,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from basetree.files.regular import open_regular
 from edgetree.errors import SignatureError
 from edgetree.signing.envelope import Envelope, parse_envelope
 from edgetree.signing.json_files import read_small_text
 from edgetree.signing.keys import is_signed_by
 from edgetree.signing.statement import Statement, parse_statement, parse_time, time_text
 from edgetree.signing.trust import Trust, TrustedKey, current_trust
-from edgetree.signing.used_versions import check_version, read_used, record_use, used_file
+from edgetree.signing.used_versions import (
+    check_version,
+    read_used,
+    record_time,
+    record_use,
+    used_file,
+)
 
 _PACKAGED: Final = Path(os.path.realpath(__file__)).parents[1] / "assets" / "models"
 _EXPECTED: Final = "a signature of `edgetree sign`"
@@ -49,12 +56,14 @@ class AcceptedModel:
     """A model that may be opened.
 
     Attributes:
+        path: The model file.
         content: The content of the file.
         statement: What its signer says; None for a packaged model.
         key: The signer's key, likewise.
         checked_at: The time by the clock, likewise.
     """
 
+    path: Path
     content: bytes
     statement: Statement | None = None
     key: TrustedKey | None = None
@@ -64,10 +73,10 @@ class AcceptedModel:
         """Record the version of the model, so that older ones are refused from now on.
 
         Raises:
-            SignatureError: a new version cannot be recorded.
+            SignatureError: a new version cannot be recorded, or a higher one was used meanwhile.
         """
         if self.statement is not None and self.checked_at is not None:
-            record_use(self.statement, used_file(), self.checked_at)
+            record_use(self.statement, self.path, used_file(), self.checked_at)
 
 
 def signature_file(model: Path) -> Path:
@@ -92,7 +101,7 @@ def model_if_signed(path: Path, required: bool = False) -> AcceptedModel | None:
     real = Path(os.path.realpath(path))
     if real.parent == _PACKAGED:
         # Another path may lead elsewhere by the time it is opened.
-        return None if path.absolute() == real else AcceptedModel(_read(path, None))
+        return None if path.absolute() == real else AcceptedModel(path, _read(path, None))
     trust = current_trust()
     if required or _required_in_process or trust.required_by is not None:
         return check_signature(path, trust)
@@ -127,10 +136,14 @@ def check_signature(path: Path, trust: Trust) -> AcceptedModel:
     latest = used.latest(now)
     if latest > now:
         clock += f", and it said {time_text(latest)} before (see {state})"
-    _check_time(statement, key, file, latest, clock)
+    try:
+        _check_time(statement, key, file, latest, clock)
+    except SignatureError:
+        record_time(state, now)  # so that no clock that is set back makes it valid again
+        raise
     content = _read(path, statement)
     check_version(statement, path, used, state)
-    return AcceptedModel(content, statement, key, now)
+    return AcceptedModel(path, content, statement, key, now)
 
 
 def parse_signature(content: bytes) -> Statement:
@@ -191,7 +204,7 @@ def _read(path: Path, statement: Statement | None) -> bytes:
     """The content of a file; of a signed one, only if it is the content that was signed."""
     real = Path(os.path.realpath(path))
     try:
-        with real.open("rb") as stream:
+        with open_regular(real) as stream:
             content = stream.read() if statement is None else stream.read(statement.file_bytes + 1)
     except OSError as error:
         raise SignatureError(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import threading
 from abc import abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
-from basetree.files.writing import replacing
+from basetree.files.growing import keep_older
+from basetree.files.writing import replacing, write_whole
 from edgetree.measure.estimates import interval_keys
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
 from edgetree.sinks.geopackage import geopackage
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from edgetree.live.tracking.tracks import TreeTrack
 
 _SCHEMA: Final = "edgetree.live.map/1"
+_SO_FAR_S: Final = 60.0
 # 1e-8 degrees are about 1 mm.
 _DIGITS: Final = {"local metres": 4, "WGS 84": 8}
 
@@ -43,23 +46,49 @@ _ATTRIBUTES: Final = _types()
 class _MapSink(FileSink["LiveResult"]):
     """Keeps the last state of each confirmed stem, also after it is not followed any more."""
 
-    def __init__(self, path: Path, origin: MapOrigin | None = None) -> None:
+    def __init__(
+        self, path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+    ) -> None:
         super().__init__()
         self._origin = origin
         self._stems: dict[int, TreeTrack] = {}
-        self._files.enter_context(self._written(path))
+        if keeps_older:
+            so_far = path.with_name(f"unfinished_{path.name}")
+            self._files.enter_context(self._written_so_far(so_far))
+        self._files.enter_context(self._written(path, keeps_older))
 
     @contextmanager
-    def _written(self, path: Path) -> Iterator[None]:
+    def _written(self, path: Path, keeps_older: bool) -> Iterator[None]:
         with replacing(path) as stream:
             yield
             stream.write(self._content())
+            if keeps_older:
+                keep_older(path)
+
+    @contextmanager
+    def _written_so_far(self, path: Path) -> Iterator[None]:
+        """Write the map so far every minute during a block, in case that the process is killed."""
+        keep_older(path)
+        is_over = threading.Event()
+
+        def write() -> None:
+            while not is_over.wait(_SO_FAR_S):
+                with suppress(InputError):  # the map itself is still to come
+                    write_whole(path, self._content())
+
+        writer = threading.Thread(target=write, name="edgetree-map", daemon=True)
+        writer.start()
+        try:
+            yield
+        finally:
+            is_over.set()
+            writer.join()
+        path.unlink(missing_ok=True)
 
     def write(self, result: LiveResult) -> None:
         """Take the stems of one result."""
-        self._stems |= {
-            track.number: track for track in result.tracks if track.state == "confirmed"
-        }
+        confirmed = {track.number: track for track in result.tracks if track.state == "confirmed"}
+        self._stems = self._stems | confirmed  # a new one, as the other may be written just now
 
     @abstractmethod
     def _content(self) -> bytes:
@@ -91,6 +120,8 @@ class GeoJsonSink(_MapSink):
         path: The file to write.
         origin: Where the map's origin is on the earth; None for local metres, which other programs
             must be told, because GeoJSON knows only WGS 84.
+        keeps_older: Whether a file at the path is kept, see `basetree.files.growing.keep_older`,
+            and the map so far is written to `unfinished_NAME` every minute.
 
     Raises:
         InputError: The file cannot be written.
@@ -130,6 +161,8 @@ class GeoPackageSink(_MapSink):
         path: The file to write.
         origin: Where the map's origin is on the earth; None for local metres, an undefined
             Cartesian reference system.
+        keeps_older: Whether a file at the path is kept, see `basetree.files.growing.keep_older`,
+            and the map so far is written to `unfinished_NAME` every minute.
 
     Raises:
         InputError: The file cannot be written.
@@ -139,14 +172,16 @@ class GeoPackageSink(_MapSink):
         return geopackage(self._all(), _ATTRIBUTES, is_local=self._origin is None)
 
 
-def open_map(path: Path, origin: MapOrigin | None = None) -> GeoJsonSink | GeoPackageSink:
+def open_map(
+    path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+) -> GeoJsonSink | GeoPackageSink:
     """Open a map by the suffix of its name: .geojson, .json or .gpkg.
 
     Raises:
         InputError: The name has another suffix, or the file cannot be written.
     """
     if path.suffix.lower() in (".geojson", ".json"):
-        return GeoJsonSink(path, origin)
+        return GeoJsonSink(path, origin, keeps_older=keeps_older)
     if path.suffix.lower() == ".gpkg":
-        return GeoPackageSink(path, origin)
+        return GeoPackageSink(path, origin, keeps_older=keeps_older)
     raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")

@@ -29,6 +29,8 @@ class PicturesSink(FileSink[FrameResult]):
         InputError: The folder cannot be created or is not writable.
     """
 
+    appears_whole = False
+
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self._folder = self._files.enter_context(output_folder(folder))

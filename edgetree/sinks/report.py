@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from basetree.files.growing import keep_older
 from basetree.files.reading import decode_image
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.measure import TreeMeasurement
@@ -91,16 +92,18 @@ class StemReportSink(FileSink["LiveResult"]):
         path: The HTML file to write.
         source: Where the frames come from, for the heading.
         model: Name of the model file, likewise.
+        keeps_older: Whether a file at the path is kept, see `basetree.files.growing.keep_older`.
 
     Raises:
         InputError: The file cannot be written.
     """
 
-    def __init__(self, path: Path, source: str, model: str) -> None:
+    def __init__(self, path: Path, source: str, model: str, *, keeps_older: bool = False) -> None:
         super().__init__()
         self._stems: dict[int, _Stem] = {}
         self._forgotten: set[int] = set()
         self._serial = 0
+        self._keeps_older = keeps_older
         self._files.enter_context(self._written(path, source, model))
 
     @contextmanager
@@ -118,6 +121,8 @@ class StemReportSink(FileSink["LiveResult"]):
                     f"{len(older)} older stem(s): this page has the {_MOST_PICTURES} newest"
                     " pictures, the map and the table of --map and --csv have all stems"
                 )
+            if self._keeps_older:
+                keep_older(path)
 
     def write(self, result: LiveResult) -> None:
         """Take the stems of one result."""

@@ -70,7 +70,7 @@ class RosTypes:
         terms = [float(term) for term in camera.distortion]
         model = _DISTORTION[camera.distortion_model]
         if model == "plumb_bob":
-            model = "rational_polynomial" if len(terms) == 8 else model
+            model = "rational_polynomial" if len(terms) > 5 else model
             terms += [0.0] * (5 - len(terms))
         k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], np.float64)
         p = np.insert(k.reshape(3, 3), 3, 0.0, axis=1).reshape(-1)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
+from typing import Generic, Protocol, Self, TextIO, TypeVar, cast
 
-from basetree.errors import InputError
+from basetree.files.growing import GrowingFile
 from basetree.files.writing import text_file
 from edgetree.frames.pipeline import FrameResult
 
@@ -41,7 +39,14 @@ class FileSink(ABC, Generic[_Result]):
 
     As a context manager, it is closed at the end of the block; if the block raises, files that
     appear whole do not appear.
+
+    Attributes:
+        appears_whole: Whether its files appear when it is closed.
+        goes_on: Whether later results can be written after one that could not be.
     """
+
+    appears_whole = True
+    goes_on = False
 
     def __init__(self) -> None:
         self._files = ExitStack()
@@ -69,38 +74,6 @@ class FileSink(ABC, Generic[_Result]):
         """A text file, which grows as it is written or else appears whole; or an open stream."""
         if not isinstance(target, Path):
             return target
-        return self._files.enter_context(growing_file(target) if grows else text_file(target))
-
-
-@contextmanager
-def growing_file(path: Path) -> Iterator[TextIO]:
-    r"""Open a UTF-8 text file that is written in place. An older file is replaced.
-
-    If the machine is switched off, it keeps what was written. The caller flushes after whole lines.
-    Line ends are not translated, and bytes of file names that are not UTF-8 are spelled out:
-    `\udcff` for the byte ff. Errors of writing name the file.
-
-    Raises:
-        InputError: The file cannot be created.
-    """
-    if path.is_dir():
-        raise InputError(f"{path} is a folder: expected the name of a file to write")
-    try:
-        raw = _NamedFile(path, "w")
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}): expected a file in an existing, writable"
-            " folder"
-        ) from error
-    with io.TextIOWrapper(io.BufferedWriter(raw), "utf-8", "backslashreplace", newline="") as text:
-        yield text
-
-
-class _NamedFile(io.FileIO):
-    """A file whose errors name it."""
-
-    def write(self, data: Any) -> int:
-        try:
-            return super().write(data)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(self.name)) from error
+        if grows:
+            return cast("TextIO", self._files.enter_context(GrowingFile(target)))
+        return self._files.enter_context(text_file(target))

@@ -19,7 +19,8 @@ class JsonLinesSink(FileSink[Any]):
             open and is flushed after each line.
         record: Makes the JSON object of a result, such as `frame_record`; by default one of the
             schema `edgetree.live/1`.
-        grows: Whether the file has every line at once; otherwise it appears whole.
+        grows: Whether the file has every line at once, and an older one is kept beside it;
+            otherwise it appears whole.
 
     Raises:
         InputError: The file cannot be written.
@@ -34,6 +35,8 @@ class JsonLinesSink(FileSink[Any]):
     ) -> None:
         super().__init__()
         self._stream, self._record = self._text(target, grows=grows), record
+        self.goes_on = grows and isinstance(target, Path)
+        self.appears_whole = not grows and isinstance(target, Path)
 
     def write(self, result: Any) -> None:
         """Write one line."""
@@ -46,7 +49,8 @@ class CsvSink(FileSink[Any]):
     Args:
         path: The file to write.
         table: The table, such as `TREES`.
-        grows: Whether the file has every row at once; otherwise it appears whole.
+        grows: Whether the file has every row at once, and an older one is kept beside it;
+            otherwise it appears whole.
 
     Raises:
         InputError: The file cannot be written.
@@ -55,11 +59,15 @@ class CsvSink(FileSink[Any]):
     def __init__(self, path: Path, table: Table[Any], *, grows: bool = False) -> None:
         super().__init__()
         self._stream, self._table = self._text(path, grows=grows), table
-        table.write_header(self._stream)
+        self.goes_on, self.appears_whole = grows, not grows
+        self._has_header = False
 
     def write(self, result: Any) -> None:
         """Write the rows of one frame."""
+        if not self._has_header:
+            self._table.write_header(self._stream)
         self._table.write_rows(self._stream, result)
+        self._has_header = True
 
 
 class CsvTracksSink(CsvSink):

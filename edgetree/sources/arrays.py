@@ -11,14 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
-from calib.depth.files import in_metres
 from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import DepthReading, unit_vector
 
-_MILLIMETRE_M: Final = 0.001
-_MAX_MEDIAN_M: Final = 60.0  # as in `calib.check_depth`
-_MAX_READING_M: Final = float(np.finfo(np.float32).max)
-_SAMPLED_PIXELS: Final = 50_000
 _TO_BGR: Final = {
     ("bgr", 3): None,
     ("bgr", 4): cv2.COLOR_BGRA2BGR,
@@ -33,7 +28,8 @@ def frame_from_arrays(
     image: NDArray[Any] | None,
     depth: NDArray[Any] | None = None,
     *,
-    depth_scale_m: float | None = None,
+    depth_scale_m: float | calib.DepthScale | None = None,
+    depth_kind: calib.DepthKind = "depth",
     colour_order: Literal["bgr", "rgb"] = "bgr",
     camera: calib.PinholeCamera | None = None,
     up_camera: ArrayLike | None = None,
@@ -48,11 +44,12 @@ def frame_from_arrays(
         time_s: Time stamp of the picture, s.
         image: (H, W, 3) or (H, W, 4) uint8 colour, or (H, W) uint8 grey; None if there is only
             depth.
-        depth: (H, W) depth along the optical axis, aligned with the image: uint16 in steps of
-            `depth_scale_m`, or floating point in metres. 0, NaN and infinity are no reading. None
-            if there is only colour.
-        depth_scale_m: Metres per unit of `depth`. By default 0.001 for uint16 and 1 for floating
-            point.
+        depth: (H, W) depth, aligned with the image, as integers or floating point. 0, NaN and
+            infinity are no reading. None if there is only colour.
+        depth_scale_m: Metres per unit of `depth`, by default 0.001 for integers and 1 for floating
+            point; or the correction that `calib.load_depth_scale` reads.
+        depth_kind: "depth" along the optical axis, or "range" along the ray of each pixel, which
+            needs the camera.
         colour_order: "bgr" as OpenCV has it, or "rgb".
         camera: Intrinsics of the image. They are scaled to its size.
         up_camera: (3,) direction away from gravity in the camera's frame (x right, y down,
@@ -63,8 +60,8 @@ def frame_from_arrays(
         The frame. If too little of the depth has readings, its `depth_fault` says so.
 
     Raises:
-        InputError: An array has another shape or type, image and depth differ in size, or
-            floating-point depth is in millimetres.
+        InputError: An array has another shape or type, image and depth differ in size,
+            floating-point depth is in millimetres without a scale, or a range has no camera.
         InputError: The camera is for another aspect ratio.
     """
     if image is None and depth is None:
@@ -72,19 +69,28 @@ def frame_from_arrays(
     if not math.isfinite(time_s):
         raise InputError(f"time_s of frame {number} is {time_s}: expected seconds")
     pixels = None if image is None else bgr_image(image, colour_order, f"image of frame {number}")
+    shape = np.asarray(depth if pixels is None else pixels).shape[:2]
+    if camera is not None and len(shape) == 2 and (camera.height, camera.width) != shape:
+        camera = camera.scaled(shape[1], shape[0])
     depth_m, fault = None, None
     if depth is not None:
-        depth_m, fault = metres_from_array(depth, depth_scale_m, f"depth of frame {number}")
-    height, width = (pixels if pixels is not None else np.asarray(depth)).shape[:2]
-    if depth_m is not None and depth_m.shape != (height, width):
+        convention = _convention(depth_scale_m, depth_kind)
+        depth_m, fault = metres_from_array(depth, convention, f"depth of frame {number}", camera)
+    if depth_m is not None and depth_m.shape != shape:
         raise InputError(
             f"depth of frame {number} is {depth_m.shape[1]}x{depth_m.shape[0]} px: expected"
-            f" {width}x{height} px, like its image"
+            f" {shape[1]}x{shape[0]} px, like its image"
         )
-    if camera is not None and (camera.width, camera.height) != (width, height):
-        camera = camera.scaled(width, height)
     up = None if up_camera is None else unit_vector(up_camera)
     return stream_frame(number, float(time_s), pixels, depth_m, camera, up, pose, fault)
+
+
+def _convention(
+    scale_m: float | calib.DepthScale | None, kind: calib.DepthKind
+) -> calib.DepthConvention:
+    if isinstance(scale_m, calib.DepthScale):
+        return calib.DepthConvention(None, kind, scale_m)
+    return calib.DepthConvention(scale_m, kind)
 
 
 def bgr_image(
@@ -114,54 +120,24 @@ def bgr_image(
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code), np.uint8)
 
 
-def metres_from_array(depth: NDArray[Any], depth_scale_m: float | None, name: str) -> DepthReading:
+def metres_from_array(
+    depth: NDArray[Any],
+    convention: calib.DepthConvention,
+    name: str,
+    camera: calib.PinholeCamera | None = None,
+) -> DepthReading:
     """Convert a depth array to metres.
 
     Args:
-        depth: (H, W) uint16 in steps of `depth_scale_m`, or floating point in metres.
-        depth_scale_m: Metres per unit. By default 0.001 for uint16 and 1 for floating point.
+        depth: (H, W) integers or floating point.
+        convention: Their unit, kind and correction.
         name: What messages call it.
+        camera: The camera of these pixels, for a range.
 
     Raises:
-        InputError: The array has another shape or type, the scale is not positive, or
-            floating-point depth is in millimetres.
+        InputError: As for `calib.DepthConvention.metres`.
     """
-    values = np.asarray(depth)
-    if values.ndim == 3 and values.shape[2] == 1:
-        values = values[..., 0]
-    is_float = np.issubdtype(values.dtype, np.floating)
-    if values.ndim != 2 or values.size == 0 or not (is_float or values.dtype == np.uint16):
-        raise InputError(
-            f"{name} has shape {values.shape} of {values.dtype}: expected (H, W) of uint16 with a"
-            " scale, or of float32 in metres"
-        )
-    if depth_scale_m is not None and not (math.isfinite(depth_scale_m) and depth_scale_m > 0):
-        raise InputError(f"depth_scale_m is {depth_scale_m}: expected metres per unit, above 0")
-    if is_float:
-        depth_m = _float_metres(values, 1.0 if depth_scale_m is None else depth_scale_m)
-        if depth_scale_m is None:
-            _refuse_millimetres(depth_m, name)
-    else:
-        depth_m = in_metres(values, depth_scale_m or _MILLIMETRE_M)
+    depth_m = convention.metres(np.asarray(depth), name, camera)
     check = calib.check_depth(depth_m)
     fault = f"{name}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
     return DepthReading(depth_m, fault)
-
-
-def _float_metres(values: NDArray[Any], scale: float) -> NDArray[np.float32]:
-    """Metres of floating-point depth; 0 where there is no reading, as `calib.read_depth` does."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        metres = values if scale == 1.0 else values * scale
-        usable = (metres > 0) & (metres <= _MAX_READING_M)
-        return np.where(usable, metres, 0).astype(np.float32)
-
-
-def _refuse_millimetres(depth_m: NDArray[np.float32], name: str) -> None:
-    sampled = depth_m.ravel()[:: max(1, depth_m.size // _SAMPLED_PIXELS)]
-    readings = sampled[sampled > 0]
-    median = float(np.median(readings)) if readings.size else 0.0
-    if median > _MAX_MEDIAN_M:
-        raise InputError(
-            f"{name} is floating point with a median of {median:g}: expected metres; this looks"
-            " like millimetres: divide by 1000, or pass depth_scale_m=0.001"
-        )

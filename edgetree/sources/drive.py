@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,9 +13,10 @@ import numpy as np
 import calib
 from basetree.errors import InputError
 from basetree.files.json import decode
+from basetree.files.names import is_inside
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
-from edgetree.frames.rig import unit_vector
+from edgetree.frames.rig import Rig, unit_vector
 from edgetree.sources.source import BaseSource, FrameSource
 
 _log = logging.getLogger(__name__)
@@ -69,12 +70,13 @@ def is_drive(folder: Path) -> bool:
     return (folder / "imu").is_dir() and any((folder / name).is_file() for name in _LABELS)
 
 
-def open_drive(folder: Path, *, scene: int | None = None) -> FrameSource:
+def open_drive(folder: Path, *, scene: int | None = None, rig: Rig | None = None) -> FrameSource:
     """Open a drive of a dataset that `perceptree synth --preset drive` wrote.
 
     Args:
         folder: Folder of the dataset.
         scene: Number of the drive; None if the dataset has only one.
+        rig: Unit, kind and correction of the depth; millimetres by default.
 
     Returns:
         Its frames in the order of time, with the exact pose, gravity and camera. Frames whose
@@ -83,14 +85,14 @@ def open_drive(folder: Path, *, scene: int | None = None) -> FrameSource:
     Raises:
         InputError: The folder is no such dataset, or it is not clear which drive is meant.
     """
-    return _Drive(folder, scene)
+    return _Drive(folder, scene, rig or Rig())
 
 
 class _Drive(BaseSource):
     """The frames of one drive."""
 
-    def __init__(self, folder: Path, scene: int | None) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, scene: int | None, rig: Rig) -> None:
+        self._folder, self._rig = folder, rig
         drives = _drives(folder)
         listed = ", ".join(str(number) for number in sorted(drives))
         if scene is None and len(drives) > 1:
@@ -101,6 +103,9 @@ class _Drive(BaseSource):
         if number not in drives:
             raise InputError(f"dataset {folder} has no scene {number}: expected one of {listed}")
         super().__init__(f"{folder}, scene {number}")
+        for image in drives[number]:
+            for name in (image.file_name, image.depth_file):
+                _check_inside(folder, name)
         self._images = sorted(drives[number], key=lambda image: image.time_s)
         self.count = len(self._images)
 
@@ -116,9 +121,9 @@ class _Drive(BaseSource):
 
     def _frame(self, number: int, image: _Image) -> Frame:
         path, depth = self._folder / image.file_name, self._folder / image.depth_file
-        depth_m = calib.read_depth(depth)
-        check = calib.check_depth(depth_m)
-        fault = f"depth {depth}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
+        camera = calib.PinholeCamera.from_dict(image.camera)
+        rig = replace(self._rig, camera=camera, depth_camera=None, depth_extrinsics=None)
+        depth_m, fault = rig.read_depth(depth)
         pose = image.pose_world
         return Frame(
             path.stem,
@@ -128,10 +133,18 @@ class _Drive(BaseSource):
             fault,
             image.time_s,
             number,
-            calib.PinholeCamera.from_dict(image.camera),
+            camera,
             unit_vector(image.up_camera),
             # The rows of the label's rotation are the camera's axes in the world.
             calib.RigidTransform(np.transpose(pose.rotation), np.array(pose.origin_m)),
+        )
+
+
+def _check_inside(folder: Path, name: str) -> None:
+    """Raise InputError if the labels name a file that is not in the dataset."""
+    if not is_inside(name):
+        raise InputError(
+            f"labels of {folder} name the file {name!r}: expected a path inside the dataset"
         )
 
 

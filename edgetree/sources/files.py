@@ -5,25 +5,30 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import takewhile
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
-from basetree.files.reading import is_image_file, open_video
+from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
 from edgetree.frames.frame import Frame
-from edgetree.frames.images import read_image
+from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
+from edgetree.sources.depth_pairing import (
+    COLOUR_FOLDERS,
+    DEPTH_FOLDERS,
+    depth_names,
+    frame_names,
+    is_depth_name,
+)
 from edgetree.sources.source import BaseSource, FrameSource, readable
+from edgetree.sources.videos import VideoFrames, is_picture
 
 _log = logging.getLogger(__name__)
 
@@ -31,16 +36,27 @@ _DEFAULT_RATE_HZ: Final = 15.0
 
 
 def open_source(
-    path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
+    path: Path,
+    depth: Path | None = None,
+    *,
+    depth_only: bool = False,
+    rig: Rig | None = None,
+    upright: bool = True,
 ) -> FrameSource:
     """Open an image, a folder of images, or a video.
 
+    With depth or a camera the pixels are those that the camera stored. Without both, they are
+    turned as the EXIF orientation or the video says, as viewers show them. A warning tells which.
+
     Args:
         path: An image, a folder of images, or a video.
-        depth: Depth image of an image, or folder with a depth image of the same stem for each
-            image of a folder.
+        depth: Depth image of an image, or folder with the depth images of a folder of images;
+            `edgetree.sources.depth_pairing.depth_names` says which belong together. A frame whose
+            depth image is missing raises `InputError`.
         depth_only: Whether `path` contains depth images instead of colour images.
         rig: Cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+        upright: Whether pictures without depth and camera are turned. False to find a camera's
+            intrinsics, which are those of its stored pixels.
 
     Returns:
         The frames. Images are read during iteration, which may raise `InputError` for a frame and
@@ -50,21 +66,22 @@ def open_source(
         InputError: a file is missing or has another format.
     """
     rig = rig or Rig()
+    upright = upright and rig.camera is None
     if path.is_dir():
-        return _open_folder(path, depth, depth_only, rig)
+        return _open_folder(path, depth, depth_only, rig, upright)
     if not path.exists():
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
-    if path.suffix.lower() in IMAGE_SUFFIXES or is_image_file(path):
+    if is_picture(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
-        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig)
+        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
     if depth is not None or depth_only:
         raise InputError(
             f"source {path} is not an image: expected an image or a folder, as depth is used"
         )
-    return _VideoFrames(path)
+    return VideoFrames(path, upright)
 
 
 def open_image_files(
@@ -80,7 +97,7 @@ def open_image_files(
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(f"{len(files)} images", files, depth_only, rig)
+    return _ImageFrames(f"{len(files)} images", files, depth_only, rig, rig.camera is None)
 
 
 def open_files(
@@ -124,45 +141,19 @@ def has_images(folder: Path) -> bool:
     return folder.is_dir() and any(map(_is_image, folder.iterdir()))
 
 
-def frame_names(images: Sequence[PurePath]) -> list[str]:
-    """The name of each image's frame: its stem, or its file name if others have the same stem."""
-    counts = Counter(path.stem for path in images)
-    return [path.stem if counts[path.stem] == 1 else path.name for path in images]
-
-
-def depth_names(
-    images: Sequence[PurePath], present: Collection[str], folder: str, depth_folder: str
-) -> list[str]:
-    """The name of the depth file with the stem of each image.
-
-    Args:
-        images: The images.
-        present: Names of the depth files that exist.
-        folder: Where the images are, for messages.
-        depth_folder: Where the depth files are, likewise.
-
-    Raises:
-        InputError: An image has none.
-    """
-    found = []
-    for image in images:
-        names = [f"{image.stem}{suffix}" for suffix in DEPTH_SUFFIXES]
-        name = next((name for name in names if name in present), None)
-        if name is None:
-            raise InputError(
-                f"depth image {depth_folder}/{names[0]} does not exist, nor with"
-                f" {', '.join(DEPTH_SUFFIXES[1:])}: expected one for image {folder}/{image.name}"
-            )
-        found.append(name)
-    return found
-
-
 def _is_image(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
-def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> FrameSource:
-    """The images of a folder, sorted by name, with depth images of the same stems."""
+def _open_folder(
+    folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
+) -> FrameSource:
+    """The images of a folder, sorted by name, with their depth images."""
+    root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
+    if folder != root and depth is None:
+        depth = _with_files(root, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        depth = None if depth == root else depth
+        _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
     paths = sorted(filter(_is_image, folder.iterdir()))
     if not paths:
         raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
@@ -170,10 +161,26 @@ def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -
     if depth is not None:
         if not depth.is_dir():
             raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+        depth = _with_files(depth, DEPTH_FOLDERS, DEPTH_SUFFIXES)
         present = {path.name for path in depth.iterdir()}
-        depths = [depth / name for name in depth_names(paths, present, str(folder), str(depth))]
+        if depth.resolve() == folder.resolve():
+            paths = [path for path in paths if not is_depth_name(path.stem)] or paths
+            present -= {path.name for path in paths}
+        paired = depth_names(paths, present, str(folder), str(depth))
+        if paired.remark is not None:
+            _log.warning("%s", paired.remark)
+        depths = [depth / name for name in paired.names]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
-    return _ImageFrames(str(folder), files, depth_only, rig)
+    return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+
+
+def _with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:
+    """The folder, or the only one of these names in it if it has no such files itself."""
+    inside = sorted(folder.iterdir())
+    if any(path.suffix.lower() in suffixes and path.is_file() for path in inside):
+        return folder
+    found = [path for path in inside if path.is_dir() and path.name.lower() in names]
+    return found[0] if len(found) == 1 else folder
 
 
 class _ImageFrames(BaseSource):
@@ -185,10 +192,12 @@ class _ImageFrames(BaseSource):
         files: Sequence[tuple[str, Path, Path | None]],
         depth_only: bool,
         rig: Rig,
+        upright: bool,
     ) -> None:
         super().__init__(name)
         self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
+        self._upright, self._has_told = upright, False
 
     def __iter__(self) -> Iterator[Frame]:
         wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
@@ -198,53 +207,24 @@ class _ImageFrames(BaseSource):
         name, path, depth = files
         if self._depth_only:
             return Frame(name, path, None, *self._rig.read_depth(depth or path))
-        image = read_image(path)
+        if depth is not None and not depth.is_file():
+            raise InputError(
+                f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
+                f" expected one for image {path}"
+            )
+        image = self._pixels(path, self._upright and depth is None)
         if depth is None:
             return Frame(name, path, image)
         size_px = (image.shape[1], image.shape[0])
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
-
-class _VideoFrames(BaseSource):
-    """The frames of a video."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(str(path))
-        self._path = path
-        with closing(_Capture(path)) as capture:
-            frames = int(capture.video.get(cv2.CAP_PROP_FRAME_COUNT))
-            if not capture.video.grab():
-                raise InputError(f"video {path} has no frame that OpenCV can read: expected one")
-        self.count = frames if frames > 0 else None
-
-    def __iter__(self) -> Iterator[Frame]:
-        with closing(_Capture(self._path)) as capture:
-            number = 0
-            while not self._is_closed.is_set():
-                found, image = capture.video.read()
-                if not found:
-                    return
-                time_s = capture.video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                name = f"{self._path.stem}_{number:06d}"
-                pixels = np.asarray(image, dtype=np.uint8)
-                yield Frame(name, self._path, pixels, time_s=round(time_s, 3))
-                number += 1
-
-
-class _Capture:
-    """An open video."""
-
-    def __init__(self, path: Path) -> None:
-        self.video = open_video(path)
-        # The suffix is checked too, because OpenCV opens even text files as videos.
-        if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
-            raise InputError(
-                f"source {path} cannot be read: expected an image, a folder of images,"
-                f" or a video ({', '.join(VIDEO_SUFFIXES)})"
-            )
-
-    def close(self) -> None:
-        self.video.release()
+    def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:
+        """Read an image; the first one that states an orientation is told."""
+        picture = read_colour(path)
+        if picture.orientation != 1 and not self._has_told:
+            self._has_told = True
+            _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
+        return np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
 
 
 class _Stream(BaseSource):
@@ -253,6 +233,7 @@ class _Stream(BaseSource):
     def __init__(self, files: FrameSource, rig: Rig, rate_hz: float) -> None:
         super().__init__(files.name)
         self.count = files.count
+        self.counts = files.counts  # type: ignore[assignment]
         self._frames, self._rig, self._rate_hz = files, rig, rate_hz
 
     def __iter__(self) -> Iterator[Frame]:

@@ -15,6 +15,9 @@ _TIME_CONSTANT_WITH_GYRO_S: Final = 3.0
 _MAX_STEP_S: Final = 0.5  # after a longer gap the filter starts anew
 _KEPT_S: Final = 2.0
 _MAX_AGE_S: Final = 0.5
+# Beyond all accelerometers, whether they give m/s², g or mg, and all gyroscopes.
+_LEAST_SIZE, _LARGEST_SIZE = 1e-3, 1e5
+_LARGEST_TURN_RAD_PER_S: Final = 100.0
 
 
 class GravityFilter:
@@ -22,11 +25,16 @@ class GravityFilter:
 
     At rest, an accelerometer measures 9.81 m/s² upwards. Swaying and braking average out. The unit
     of the acceleration does not matter.
+
+    Attributes:
+        unusable: Number of samples that were left out, as no accelerometer or gyroscope has such
+            values.
     """
 
     def __init__(self) -> None:
         self._level: NDArray[np.float64] | None = None
         self._samples = 0
+        self.unusable = 0
         self._history: deque[tuple[float, NDArray[np.float64]]] = deque()
 
     @property
@@ -40,14 +48,19 @@ class GravityFilter:
         acceleration: NDArray[np.float64],
         turn_rad_per_s: NDArray[np.float64] | None = None,
     ) -> None:
-        """Take a sample. Samples that are not finite are left out.
+        """Take a sample. Samples that are not finite or out of range are left out and counted.
 
         Args:
             time_s: Time of the sample, s.
             acceleration: (3,) measured acceleration in the IMU's frame.
             turn_rad_per_s: (3,) turn rates about the same axes; None or zeros without a gyroscope.
         """
-        if not np.isfinite(acceleration).all() or not acceleration.any():
+        turn = (0.0, 0.0, 0.0) if turn_rad_per_s is None else turn_rad_per_s
+        if not any(acceleration):  # a message of a gyroscope alone
+            return
+        is_usable = _LEAST_SIZE <= math.hypot(*acceleration) <= _LARGEST_SIZE
+        if not (is_usable and math.hypot(*turn) <= _LARGEST_TURN_RAD_PER_S):
+            self.unusable += 1
             return
         step_s = time_s - self.newest_s
         if self._level is None or not 0 <= step_s <= _MAX_STEP_S:
@@ -55,8 +68,7 @@ class GravityFilter:
             self._level, self._samples = np.array(acceleration, np.float64), 1
         else:
             constant_s = _TIME_CONSTANT_S
-            turn = turn_rad_per_s
-            if turn is not None and turn.any() and np.isfinite(turn).all():
+            if any(turn):
                 constant_s = _TIME_CONSTANT_WITH_GYRO_S
                 self._level = self._level - np.cross(turn, self._level) * step_s
             self._samples += 1

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
+from calib import DepthScale
+from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
 from edgetree.sources.bags.names import is_bag
 from edgetree.sources.bags.recording import open_recording
@@ -17,8 +21,8 @@ from edgetree.sources.cameras.orbbec import open_orbbec
 from edgetree.sources.cameras.realsense import open_realsense
 from edgetree.sources.drive import is_drive, open_drive
 from edgetree.sources.files import open_files
-from edgetree.sources.opening import check_options
-from edgetree.sources.playing import Looped
+from edgetree.sources.opening import check_options, with_scale
+from edgetree.sources.playing import Changed, Looped
 from edgetree.sources.source import FrameSource
 
 SOURCE_FORMS: Final = (
@@ -50,9 +54,10 @@ def open_live_source(
             rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a dataset of the
             preset `drive`, an image, a folder of images or a video.
         depth: Depth image or folder of depth images; for images alone.
-        rig: Cameras and gravity of images, videos and cameras without intrinsics of their own.
+        rig: Cameras and gravity of images, videos and cameras without intrinsics of their own;
+            unit, kind and correction of the depth.
         topics: Names of topics by role, for recordings.
-        depth_scale_m: Metres per unit of the depth, for recordings.
+        depth_scale_m: Metres per unit of the depth; that of `rig` if None.
         modality: Which images of a recording are read. Of "depth", images in files are depth.
         scene: Number of the drive in a dataset with several.
         loop: Whether a recording starts again at its end, for ever.
@@ -62,6 +67,7 @@ def open_live_source(
         SourceLost: The camera does not answer.
         MissingPackage: The package for the source is not installed.
     """
+    rig = with_scale(rig, depth_scale_m)
     name = text.strip()
     is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))
     is_camera = is_camera or _DEVICE.fullmatch(name) is not None
@@ -71,18 +77,22 @@ def open_live_source(
         text,
         {
             "topics": bool(topics) and not is_recording,
-            "depth_scale_m": depth_scale_m is not None and not is_recording,
+            "depth_scale_m": rig.depth_scale_m is not None and is_camera,
+            "depth_kind": rig.depth_kind != "depth" and is_camera,
+            "depth_calibration": rig.depth_calibration is not None
+            and is_camera
+            and name not in _VENDORS,
             "depth": depth is not None and (is_camera or is_recording or is_drive(path)),
             "loop": loop and is_camera,
             "scene": scene is not None and not is_drive(path),
         },
     )
     if is_camera:
-        return _open_camera(name, rig or Rig())
+        return _open_camera(name, rig)
     if is_recording:
-        source = open_recording(path, topics=topics, depth_scale_m=depth_scale_m, modality=modality)
+        source = open_recording(path, topics=topics, modality=modality, rig=rig)
     elif is_drive(path):
-        source = open_drive(path, scene=scene)
+        source = open_drive(path, scene=scene, rig=rig)
     else:
         source = open_files(path, depth, depth_only=modality == "depth", rig=rig)
     return Looped(source) if loop else source
@@ -90,7 +100,17 @@ def open_live_source(
 
 def _open_camera(name: str, rig: Rig) -> FrameSource:
     if name in _VENDORS:
-        return _VENDORS[name](up_camera=rig.up_camera)
+        source = _VENDORS[name](up_camera=rig.up_camera)
+        if rig.depth_calibration is None:
+            return source
+        return Changed(source, partial(_calibrated, calibration=rig.depth_calibration))
     device = _DEVICE.fullmatch(name)
     address = name if device is None else int(device[1])
     return open_camera(address, camera=rig.camera, up_camera=rig.up_camera)
+
+
+def _calibrated(frame: Frame, calibration: DepthScale) -> Frame:
+    """A frame of a camera that knows its unit, with the depth corrected."""
+    return (
+        frame if frame.depth_m is None else replace(frame, depth_m=calibration.apply(frame.depth_m))
+    )

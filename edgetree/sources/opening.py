@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
 
 _OPTION_SOURCES: Final = {
     "topics": "recordings",
-    "depth_scale_m": "recordings",
+    "depth_scale_m": "files, recordings and drives",
+    "depth_kind": "files, recordings and drives",
+    "depth_calibration": "sources with depth",
     "depth": "images",
     "loop": "files and recordings",
     "scene": "datasets of drives",
@@ -47,10 +50,10 @@ def open_frames(
             `drive`.
         depth: Depth image or folder of depth images, as for `open_source`. If it is not given, the
             images themselves are depth for a model that takes depth.
-        rig: The cameras and the unit of the depth images.
+        rig: The cameras, and unit, kind and correction of the depth.
         detector: The model; None if the trees come from a mask image.
         topics: Names of topics by role, for recordings.
-        depth_scale_m: Metres per unit of the depth, for recordings.
+        depth_scale_m: Metres per unit of the depth; that of `rig` if None.
         scene: Number of the drive in a dataset with several.
 
     Returns:
@@ -60,13 +63,13 @@ def open_frames(
         InputError: There is no such source, or an option does not fit it.
         MissingPackage: The package for recordings is not installed.
     """
+    rig = with_scale(rig, depth_scale_m)
     streams = is_stream(source)
     is_recording = streams and not is_drive(source)
     check_options(
         str(source),
         {
             "topics": bool(topics) and not is_recording,
-            "depth_scale_m": depth_scale_m is not None and not is_recording,
             "depth": depth is not None and streams,
             "scene": scene is not None and not is_drive(source),
         },
@@ -74,11 +77,17 @@ def open_frames(
     if is_recording:
         from edgetree.sources.bags.recording import open_recording
 
-        return open_recording(source, topics=topics, depth_scale_m=depth_scale_m)
+        return open_recording(source, topics=topics, rig=rig)
     if streams:
-        return open_drive(source, scene=scene)
+        return open_drive(source, scene=scene, rig=rig)
     takes_depth = detector is not None and detector.manifest.takes_depth
     return open_source(source, depth, depth_only=depth is None and takes_depth, rig=rig)
+
+
+def with_scale(rig: Rig | None, depth_scale_m: float | None) -> Rig:
+    """The rig, with a number of metres per unit of the depth if that is given."""
+    rig = rig or Rig()
+    return rig if depth_scale_m is None else replace(rig, depth_scale_m=depth_scale_m)
 
 
 def check_options(text: str, wrong: Mapping[str, bool]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -76,6 +76,23 @@ class Looped(_Played):
                 return
             start += number + 1
             clock.restart()
+
+
+class Changed(_Played):
+    """A source whose frames go through a function.
+
+    Args:
+        source: A camera, a recording or files.
+        change: Returns the frame to yield instead.
+    """
+
+    def __init__(self, source: FrameSource, change: Callable[[Frame], Frame]) -> None:
+        super().__init__(source)
+        self.is_live, self.count = source.is_live, source.count
+        self._change = change
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self._change, self._source)
 
 
 class PacedSource(_Played):

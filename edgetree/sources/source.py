@@ -10,17 +10,26 @@ from typing import Final, Protocol
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 
+DEPTH_PLACED_BY_GUESS: Final = "depth registered without a transform"
+"""Name in `FrameSource.counts`: the place of the depth camera was not known."""
+
 REMARKS: Final = frozenset(
     {
         "without pose",
         "without gravity",
         "depth not aligned",
+        DEPTH_PLACED_BY_GUESS,
+        "IMU samples out of range",
         "transforms that are no rotation",
         "end missing",
         "ended early",
+        "broken video frames",
     }
 )
 """Names in `FrameSource.counts` that are remarks, on frames that were used or on the source."""
+
+INCOMPLETE: Final = frozenset({"ended early", "broken video frames"})
+"""Remarks on a source of which a part could not be read."""
 
 
 class FrameSource(Protocol):

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from basetree.program.console import tell
 from perceptree.commands.options import check_checkpoint_name
 from perceptree.errors import CheckpointError
 
@@ -31,7 +32,7 @@ def average(
     check_checkpoint_name(out)
     model, record = average_checkpoints(checkpoints, _shares(weights, len(checkpoints)))
     save_checkpoint(out, model, record)
-    typer.echo(f"checkpoint: {out}")
+    tell(f"checkpoint: {out}")
 
 
 def _shares(text: str | None, count: int) -> list[float]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import progress
+from basetree.program.console import progress, tell
 from perceptree.commands.options import Checkpoint, Split, check_checkpoint_name, check_split
 
 if TYPE_CHECKING:
@@ -72,12 +72,12 @@ def calibrate_scores(
     save_checkpoint(out, model, {**record["training"], "score_calibration": fitted})
     for folder, before, after in zip(data, sets, scaled, strict=True):
         was, now = (reliability(one)["expected_error"] for one in (before, after))
-        typer.echo(
+        tell(
             f"{folder}: {len(before.score)} detections, mean difference of score and share of"
             f" trees {_shown(was)}, now {_shown(now)}"
         )
-    typer.echo(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
-    typer.echo(f"checkpoint: {out}")
+    tell(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
+    tell(f"checkpoint: {out}")
 
 
 def _frames(folder: Path, split: str, certain_m: float | None) -> list[FrameRecord]:

@@ -10,8 +10,8 @@ import typer
 
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
-from basetree.program.console import print_found, print_json, progress
-from perceptree.commands.options import EntireTree, Fold, Json, check_split
+from basetree.program.console import note, print_found, print_json, progress, tell
+from perceptree.commands.options import CrowdsAsTrees, EntireTree, Fold, Json, check_split
 
 if TYPE_CHECKING:
     from perceptree.data.check import Report
@@ -33,6 +33,7 @@ def check(
     directory: Directory,
     fold: Fold = None,
     entire_tree: EntireTree = False,
+    crowds_as_trees: CrowdsAsTrees = False,
     as_json: Json = False,
 ) -> None:
     """Find missing and broken files, invalid labels, and leakage between splits.
@@ -41,7 +42,7 @@ def check(
     """
     from perceptree.data.check import Check
 
-    started = Check(directory, fold, entire_tree)
+    started = Check(directory, fold, entire_tree, crowds_as_trees)
     with progress("checking", len(started), shown=not as_json) as bar:
         report = started.run(progress=bar.update)
     print_found(as_json, report.to_dict, lambda: _report_lines(report))
@@ -57,7 +58,7 @@ def _report_lines(report: Report) -> Iterator[str]:
             f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
             f" with {', '.join(held) or 'boxes only'}"
         )
-        yield from (f"      {note}" for note in split.notes)
+        yield from (f"      {line}" for line in split.notes)
     yield from map(str, report.findings)
     if not report.findings:
         yield f"nothing found; splits compared by {report.compared_by}"
@@ -73,6 +74,7 @@ def show(
     seed: Annotated[int, typer.Option(help="Seed for the choice of frames.")] = 1,
     fold: Fold = None,
     entire_tree: EntireTree = False,
+    crowds_as_trees: CrowdsAsTrees = False,
 ) -> None:
     """Draw pages of labelled frames: boxes, mask outlines, keypoints."""
     import cv2
@@ -92,10 +94,10 @@ def show(
         if split is None
         else [find_labels(directory, split, fold, entire_tree)]
     )
-    datasets = [read_labels(labels) for labels in files]
+    datasets = [read_labels(labels, crowds_as_trees=crowds_as_trees) for labels in files]
     for dataset in datasets:
-        for note in dataset.notes:
-            typer.echo(f"{dataset.labels.split}: {note}", err=True)
+        for line in dataset.notes:
+            note(f"{dataset.labels.split}: {line}")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -106,7 +108,7 @@ def show(
     for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
         path = out / f"page_{number:03d}.jpg"
         write_image(path, page, [cv2.IMWRITE_JPEG_QUALITY, 90])
-        typer.echo(str(path))
+        tell(path)
 
 
 @app.command()
@@ -132,8 +134,8 @@ def compare(
         print_json(comparison.to_dict() | {"page": str(out)})
         return
     for difference in comparison.differences[:5]:
-        typer.echo(
+        tell(
             f"{difference.measure.title}: separation {difference.separation:.2f},"
             f" simulated {difference.shift:+.1f} standard deviations from real"
         )
-    typer.echo(str(out))
+    tell(out)

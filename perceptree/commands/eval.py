@@ -14,6 +14,7 @@ from basetree.program.console import print_found, progress
 from basetree.program.options import expand_groups
 from perceptree.commands.options import (
     Checkpoint,
+    CrowdsAsTrees,
     Device,
     EntireTree,
     Fold,
@@ -44,6 +45,7 @@ class SplitOptions:
             " as found nor as missed, nor as false positives. Recall is given with them, too."
         ),
     ] = None
+    crowds_as_trees: CrowdsAsTrees = False
 
 
 @expand_groups

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import print_json
+from basetree.program.console import print_json, tell
 from basetree.program.options import expand_groups
 from perceptree.commands.options import Json
 from perceptree.commands.progress import say
@@ -157,22 +157,22 @@ def _facts(imported: Imported, out: Path) -> dict[str, Any]:
 def _show(facts: dict[str, Any]) -> None:
     std = ", ".join(f"{value:g}" for value in facts["pixel_std"])
     branches = ["boxes"] + [name for name in ("masks", "keypoints") if facts[name]]
-    typer.echo(f"{facts['model']}: {facts['backbone']}, stride in the {facts['stride_in']}")
-    typer.echo(f"input: {facts['modality']}, {facts['width']}x{facts['height']}, pixel std {std}")
-    typer.echo(
+    tell(f"{facts['model']}: {facts['backbone']}, stride in the {facts['stride_in']}")
+    tell(f"input: {facts['modality']}, {facts['width']}x{facts['height']}, pixel std {std}")
+    tell(
         f"predicts: {', '.join(branches)}; {facts['anchors_per_cell']} anchors per cell, "
         f"{facts['parameters'] / 1e6:.2f} M parameters"
     )
     sizes = ", ".join("/".join(f"{px:g}" for px in level) for level in facts["anchor_sizes_px"])
     ratios = ", ".join(f"{ratio:g}" for ratio in facts["anchor_ratios"])
-    typer.echo(f"anchors: {sizes} px at the levels 2 to 6, ratios {ratios}")
-    typer.echo(f"sha256 of the imported file: {facts['sha256']}")
+    tell(f"anchors: {sizes} px at the levels 2 to 6, ratios {ratios}")
+    tell(f"sha256 of the imported file: {facts['sha256']}")
     out = facts["checkpoint"]
     if facts["init_only"]:
-        typer.echo(f"fresh: {len(facts['fresh'])} tensors with random values, to be trained")
-    typer.echo(out)
+        tell(f"fresh: {len(facts['fresh'])} tensors with random values, to be trained")
+    tell(out)
     if facts["init_only"]:
-        typer.echo(f"next: perceptree train DATA --init {out} --out RUN")
+        tell(f"next: perceptree train DATA --init {out} --out RUN")
         return
-    typer.echo(f"next: perceptree eval {out} DATA")
-    typer.echo(f"      edgetree export {out} --data DATA --out model.onnx")
+    tell(f"next: perceptree eval {out} DATA")
+    tell(f"      edgetree export {out} --data DATA --out model.onnx")

@@ -17,6 +17,7 @@ Device: TypeAlias = Annotated[str, typer.Option(help="cpu or cuda.")]
 Split: TypeAlias = Annotated[str, typer.Option(help="train, val or test.")]
 Fold: TypeAlias = Annotated[int | None, option_of(DataSource, "fold")]
 EntireTree: TypeAlias = Annotated[bool, option_of(DataSource, "entire_tree")]
+CrowdsAsTrees: TypeAlias = Annotated[bool, option_of(DataSource, "crowds_as_trees")]
 Side: TypeAlias = Annotated[
     int | None, typer.Option(help="Size of the input in px; by default the model's.")
 ]

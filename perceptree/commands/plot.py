@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from basetree.errors import SettingsError
+from basetree.program.console import tell
 
 _FILE = "plot.png"
 
@@ -34,4 +35,4 @@ def plot(
     if out.suffix.lower() != ".png":
         raise SettingsError(f"--out is {out}: expected a name ending in .png")
     write_whole(out, draw_runs(runs))
-    typer.echo(str(out))
+    tell(out)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import print_json, track
+from basetree.program.console import print_json, tell, track
 from perceptree.commands.options import Checkpoint, Device, Json
 from perceptree.commands.progress import say
 from perceptree.errors import DatasetError
@@ -119,7 +119,5 @@ def _print_result(pictures: int, trees: int, folder: Path, out: Path, as_json: b
     if as_json:
         print_json({"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)})
         return
-    typer.echo(f"{trees} trees in {pictures} images, drawn in {out}")
-    typer.echo(
-        f"next: correct {labels} in a labelling tool that reads COCO, with the images in {folder}"
-    )
+    tell(f"{trees} trees in {pictures} images, drawn in {out}")
+    tell(f"next: correct {labels} in a labelling tool that reads COCO, with the images in {folder}")

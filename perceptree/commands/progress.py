@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from basetree.program.console import note
+from basetree.program.console import BAR_STREAM, note
 
 if TYPE_CHECKING:
     from perceptree.training import Status
@@ -31,8 +31,8 @@ class TrainingBar:
             return
         self._next_s = now_s + (1.0 if self._terminal else 60.0)
         end = "\r" if self._terminal and status.done < 1 else "\n"
-        sys.stderr.write(("\x1b[2K" if self._terminal else "") + _line(status) + end)
-        sys.stderr.flush()
+        BAR_STREAM.write(("\x1b[2K" if self._terminal else "") + _line(status) + end)
+        BAR_STREAM.flush()
 
 
 def _line(status: Status) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.errors import SettingsError
+from basetree.program.console import BAR_STREAM, note
 from basetree.program.options import expand_groups
 from perceptree.commands.options import Json
 from perceptree.commands.shards import ShareOptions, print_shard
@@ -129,7 +130,7 @@ def synth(
     with typer.progressbar(
         length=count,
         label=_LABEL,
-        file=sys.stderr,
+        file=BAR_STREAM,
         hidden=as_json or not sys.stderr.isatty(),
         show_eta=False,
         show_pos=True,
@@ -150,7 +151,7 @@ def _photographs(folder: Path | None) -> PhotoFolder | None:
 
     photographs = open_photographs(folder)
     for line in check_photographs(photographs):
-        typer.echo(f"textures: {line}", err=True)
+        note(f"textures: {line}")
     return photographs
 
 

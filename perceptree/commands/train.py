@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import counter, print_json
+from basetree.program.console import counter, print_json, tell
 from basetree.program.options import expand_groups
 from perceptree.commands.options import Json
 from perceptree.commands.progress import TrainingBar, say
@@ -80,6 +80,6 @@ def _print_result(report: TrainReport, data: Path, as_json: bool) -> None:
             }
         )
         return
-    typer.echo(f"val: box AP {metrics.box_ap:.1f}, AP50 {metrics.box_ap50:.1f}")
-    typer.echo(f"{report.checkpoint}")
-    typer.echo(f"next: edgetree export {report.checkpoint} --data {data} --out model.onnx")
+    tell(f"val: box AP {metrics.box_ap:.1f}, AP50 {metrics.box_ap50:.1f}")
+    tell(f"{report.checkpoint}")
+    tell(f"next: edgetree export {report.checkpoint} --data {data} --out model.onnx")

@@ -43,6 +43,7 @@ class DataOptions:
         float | None, option_of(TrainSettings, "mix_share", default=f"{_MIX_SHARE} with --mix")
     ] = None
     certain_m: float | None = None
+    crowds_as_trees: bool = False
     simulate: Annotated[
         int | None,
         typer.Option(
@@ -76,6 +77,7 @@ class DataOptions:
             "fold": self.fold,
             "entire-tree": self.entire_tree or None,
             "certain": self.certain_m,
+            "crowds-as-trees": self.crowds_as_trees or None,
             "init-heads": start.init_heads,
         }
         for option, value in others.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tokenize
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -44,6 +45,11 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "checksums": (np.uint32, ()),
 }
 _PREFETCH = 16
+# What numpy and the record's reader raise for files that are none.
+_DAMAGED = (
+    *(OSError, ValueError, LookupError, TypeError, ArithmeticError, EOFError, RecursionError),
+    *(SyntaxError, tokenize.TokenError, MemoryError),
+)
 
 Progress = Callable[[int, int], None]
 
@@ -80,6 +86,29 @@ class FrameCache:
         self._tree_starts, self._checksums = arrays["tree_starts"], arrays["checksums"]
         self._mask_rects, self._mask_starts = arrays["mask_rects"], arrays["mask_starts"]
         self._ignored, self._ignored_starts = arrays["ignored"], arrays["ignored_starts"]
+        self._check(arrays)
+
+    def _check(self, arrays: dict[str, NDArray[Any]]) -> None:
+        """Raise ValueError if arrays have other shapes than those that were written."""
+        for name, (kind, row) in _ARRAYS.items():
+            if arrays[name].dtype != kind or arrays[name].shape[1:] != row:
+                raise ValueError(f"{name} has another form")
+        frames, trees, ignored = len(self._images), len(self._boxes), len(self._ignored)
+        if not isinstance(self.has_masks, bool):
+            raise ValueError("has_masks is not true or false")
+        if len(self.names) != frames or len(self._checksums) != frames:
+            raise ValueError("names and checksums are not those of the images")
+        if not len(self._keypoints) == len(self._mask_rects) == trees:
+            raise ValueError("keypoints and masks are not those of the boxes")
+        for starts, count, end in (
+            (self._tree_starts, frames, trees),
+            (self._ignored_starts, frames, ignored),
+            (self._mask_starts, trees, len(self._masks)),
+        ):
+            if len(starts) != count + 1 or starts[0] != 0 or starts[-1] != end:
+                raise ValueError("the rows do not begin and end where the arrays do")
+            if (np.diff(starts) < 0).any():
+                raise ValueError("the rows are not in order")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -150,9 +179,11 @@ def open_cache(
     """
     key = _key(frames, spec, skip_broken)
     try:
-        if _key_in(folder) != key:
+        cache = read_cache(folder) if _key_in(folder) == key else None
+        if cache is None:
             _build(frames, spec, folder, key, skip_broken, progress)
-        return FrameCache(folder)
+            cache = FrameCache(folder)
+        return cache
     except OSError as error:
         path = error.filename or folder
         raise DatasetError(
@@ -188,11 +219,19 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
     return digest.hexdigest()
 
 
+def read_cache(folder: Path) -> FrameCache | None:
+    """Read the cache in a folder; None if it is missing or damaged."""
+    try:
+        return FrameCache(folder)
+    except _DAMAGED:
+        return None
+
+
 def _key_in(folder: Path) -> str | None:
     """Return the key of a cache of this layout; None for any other folder."""
     try:
         record = json.loads((folder / _RECORD).read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(record, dict) or record.get("version") != _VERSION:
         return None

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from perceptree.data.coco import FrameRecord
+from perceptree.data.content import load
 from perceptree.data.entries import rows
 from perceptree.data.grading import graded, ignored_note
 from perceptree.data.layouts import LabelFile, find_labels
 from perceptree.data.parsing import OnError, Parser
 from perceptree.data.pictures import Pictures
+from perceptree.data.tally import Tally
 from perceptree.errors import DatasetError
 
 
@@ -30,7 +30,7 @@ class Dataset:
         has_masks: Whether every tree has a mask; ignored regions need none.
         has_keypoints: Whether any tree that counts has a labelled keypoint.
         has_depth: Whether every frame has an 8-bit depth image.
-        outside: (annotation id, x, y) of keypoints outside their frame.
+        tally: What was left out or taken in another way.
     """
 
     labels: LabelFile
@@ -39,7 +39,7 @@ class Dataset:
     has_masks: bool
     has_keypoints: bool
     has_depth: bool
-    outside: list[tuple[int, float, float]]
+    tally: Tally
 
 
 def read_dataset(
@@ -48,6 +48,8 @@ def read_dataset(
     fold: int | None = None,
     entire_tree: bool = False,
     certain_m: float | None = None,
+    crowds_as_trees: bool = False,
+    on_error: OnError | None = None,
 ) -> Dataset:
     """Read a split of a dataset in any layout of `perceptree.data.layouts`.
 
@@ -57,13 +59,17 @@ def read_dataset(
         fold: Which fold of a dataset with several.
         entire_tree: Read the labels of entire trees (SynthTree43k).
         certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
+        crowds_as_trees: Take run lengths with iscrowd 1 as trees also without keypoints.
+        on_error: Called with each invalid entry, which is then left out. Without it, the first
+            invalid entry is raised.
 
     Raises:
         DatasetError: If a file is missing or not COCO, a label is invalid, or no tree has the
             distance that `certain_m` needs.
         SettingsError: If `certain_m` is not over 0.
     """
-    return read_labels(find_labels(Path(directory), split, fold, entire_tree), certain_m=certain_m)
+    labels = find_labels(Path(directory), split, fold, entire_tree)
+    return read_labels(labels, on_error, certain_m, crowds_as_trees)
 
 
 def read_split(directory: Path | str, split: str) -> list[FrameRecord]:
@@ -72,15 +78,18 @@ def read_split(directory: Path | str, split: str) -> list[FrameRecord]:
 
 
 def read_labels(
-    labels: LabelFile, on_error: OnError | None = None, certain_m: float | None = None
+    labels: LabelFile,
+    on_error: OnError | None = None,
+    certain_m: float | None = None,
+    crowds_as_trees: bool = False,
 ) -> Dataset:
     """Read a label file.
 
     Args:
         labels: The label file.
-        on_error: Called with each invalid entry, which is then left out. Without it, the first
-            invalid entry is raised.
+        on_error: As for `read_dataset`.
         certain_m: As for `read_dataset`.
+        crowds_as_trees: As for `read_dataset`.
 
     Raises:
         DatasetError: If the file is not readable COCO, an entry is invalid, or no tree has the
@@ -90,9 +99,10 @@ def read_labels(
     try:
         # A large file creates millions of objects: garbage collection would double the time.
         with _no_garbage_collection():
-            content = _load(labels.path)
+            content = load(labels.path)
             pictures = Pictures(labels, rows(content, "images"))
-            parsed = Parser(pictures, on_error).parse(content)
+            parser = Parser(pictures, on_error, crowds_as_trees)
+            parsed = parser.parse(content, labels.keypoints)
             frames = parsed.frames if certain_m is None else graded(parsed.frames, certain_m)
     except DatasetError as error:
         raise DatasetError(f"{labels.path}: {error}") from error
@@ -101,21 +111,16 @@ def read_labels(
     )
     without_depth = sum(frame.depth8_path is None for frame in frames)
     notes = parsed.notes + pictures.notes + ignored_note(frames, certain_m)
+    if not labels.names_split:
+        notes += (f"{labels.path.name} names no split: taken as {labels.split}",)
     if not has_keypoints:
         notes += ("no tree has a labelled keypoint",)
     if without_depth:
         share = "" if without_depth == len(frames) else f" for {without_depth} frames"
         notes += (f"no 8-bit depth{share}: for colour, --modality rgb",)
     return Dataset(
-        labels, frames, notes, parsed.has_masks, has_keypoints, not without_depth, parsed.outside
+        labels, frames, notes, parsed.has_masks, has_keypoints, not without_depth, parsed.tally
     )
-
-
-def _load(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
 
 
 @contextmanager

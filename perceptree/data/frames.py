@@ -12,9 +12,10 @@ import torch
 
 from basetree.arrays import Bool, Float, UInt8
 from basetree.errors import InputFileError
-from basetree.files.reading import read_image
+from basetree.files.reading import orientation_note, read_picture
 from calib import Letterbox
 from perceptree.data.coco import FrameRecord
+from perceptree.data.orientation import as_labelled
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
 
@@ -164,14 +165,15 @@ def read_frame(frame: FrameRecord, modality: str) -> UInt8:
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
     try:
-        image = read_image(path, flag)
+        picture = read_picture(path, flag)
     except InputFileError as error:
         raise DatasetError(str(error)) from error
-    if image is None:
+    if picture is None:
         raise DatasetError(f"{path}: missing or not a readable image, expected one")
+    image = as_labelled(picture, frame)
     if image.shape[:2] != (frame.height, frame.width):
         raise DatasetError(
-            f"{path}: is {image.shape[1]}x{image.shape[0]} px, expected"
+            f"{path}: is {image.shape[1]}x{image.shape[0]} px{orientation_note(path)}, expected"
             f" {frame.width}x{frame.height}"
         )
     if image.dtype != np.uint8 or (modality == "depth" and image.ndim != 2):

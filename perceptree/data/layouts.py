@@ -12,6 +12,11 @@ Label files are recognised by their names, in a dataset's folder or one folder b
 `train/_annotations.coco.json`               Roboflow, which calls val `valid`
 =============================================  =================================================
 
+Where no name fits, such as Label Studio's `result.json`, any JSON file that holds images,
+annotations and categories is one. A file whose name and folder say no split counts as "test".
+If one file of a split has keypoints and another one none, as COCO and CVAT write them, the
+keypoints of the first are joined to the annotations of the second.
+
 The README and `train_synth_RGB.py` of norlab-ulaval/PercepTreeV1 describe the published data.
 SynthTree43k is one folder of 1280x720 images named like `image_00000_RGB.png` with
 `train_RGB.json`, `val_RGB.json` and `test_RGB.json`. Masks are compressed run lengths, the
@@ -27,11 +32,12 @@ or with "depth" in place of "RGB" in the file name.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 from perceptree.data.coco import SPLITS
+from perceptree.data.content import has_keypoints, is_coco
 from perceptree.errors import DatasetError
 
 SPLIT_WORDS = {
@@ -43,15 +49,21 @@ SPLIT_WORDS = {
     "test": "test",
     "testing": "test",
 }
+_OTHER_LABELS = re.compile("captions|panoptic|stuff")
 _NOT_LABELS = re.compile(
-    "captions|panoptic|stuff|info|results?|predictions|detections|settings|statistics|metrics"
-    "|report|log"
+    "info|results?|predictions|detections|settings|statistics|metrics|report|log"
 )
-# Names without a split: the folder's name gives the split, else it is "test".
-_PLAIN_STEMS = frozenset(
-    ("_annotations.coco", "annotations", "instances", "instances_default", "labels", "coco")
+# Names of these words have no split: the folder's name gives it, else it is "test".
+_PLAIN_WORDS = frozenset(
+    ("annotations", "coco", "instances", "person", "keypoints", "default", "labels")
 )
 _MAX_LISTED = 8
+_PATTERNS = ("*.json", "*/*.json", "fold*/annotations/*.json")
+_MOST_FILES = 20_000  # that are looked into
+_HOW_TO_SPLIT = (
+    "; a file that names no split counts as test: expected one label file for each split, such as"
+    " train.json and val.json, of different places"
+)
 
 
 @dataclass(frozen=True, order=True)
@@ -64,6 +76,7 @@ class LabelFile:
         entire_tree: Whether the labels are of entire trees.
         path: The file.
         root: The dataset's folder.
+        keypoints: A second file of the split, with the keypoints.
     """
 
     split: str
@@ -71,15 +84,28 @@ class LabelFile:
     entire_tree: bool
     path: Path
     root: Path
+    keypoints: Path | None = None
+
+    @property
+    def names_split(self) -> bool:
+        """Whether the file's name or folder says the split."""
+        return bool(_splits_in(self.path.relative_to(self.root)))
 
 
 def label_files(directory: Path) -> list[LabelFile]:
-    """Return all label files in a dataset's folder and one folder below."""
+    """Return all label files in a dataset's folder and one folder below.
+
+    They are told by their names; if no name fits, by what the files hold.
+    """
+    paths = [path for pattern in _PATTERNS for path in sorted(directory.glob(pattern))]
     found = [
         LabelFile(*recognised, path, directory)
-        for pattern in ("*.json", "*/*.json", "fold*/annotations/*.json")
-        for path in sorted(directory.glob(pattern))
+        for path in paths
         if (recognised := _recognise(path.relative_to(directory))) is not None
+    ] or [
+        _unnamed(path, directory)
+        for path in paths[:_MOST_FILES]
+        if not any(map(_OTHER_LABELS.fullmatch, words(path.stem))) and is_coco(path)
     ]
     # If there are label files for colour and depth, they are the same: use those for colour.
     colour = [file for file in found if "depth" not in file.path.stem.lower()]
@@ -89,18 +115,32 @@ def label_files(directory: Path) -> list[LabelFile]:
 def _recognise(path: Path) -> tuple[str, int | None, bool] | None:
     """Return (split, fold, entire tree) from a file's name and folders; None for other files."""
     stem = words(path.stem)
-    if any(map(_NOT_LABELS.fullmatch, stem)):
+    if any(_NOT_LABELS.fullmatch(word) or _OTHER_LABELS.fullmatch(word) for word in stem):
         return None
-    splits = [SPLIT_WORDS[word] for word in stem if word in SPLIT_WORDS]
-    if not splits and path.stem in _PLAIN_STEMS:
-        folders = words(path.parent.as_posix())
-        splits = [SPLIT_WORDS[word] for word in folders if word in SPLIT_WORDS] or ["test"]
-    if len(set(splits)) != 1:
+    splits = _splits_in(Path(path.name))
+    if not splits and stem and _PLAIN_WORDS.issuperset(stem):
+        splits = _splits_in(path.parent) or {"test"}
+    if len(splits) != 1:
         return None
+    return splits.pop(), _fold_of(path), "entire" in stem
+
+
+def _unnamed(path: Path, directory: Path) -> LabelFile:
+    """A label file that its content tells, not its name."""
+    inside = path.relative_to(directory)
+    splits = _splits_in(Path(path.name)) or _splits_in(inside.parent)
+    split = splits.pop() if len(splits) == 1 else "test"
+    return LabelFile(split, _fold_of(inside), "entire" in words(path.stem), path, directory)
+
+
+def _splits_in(path: Path) -> set[str]:
+    """The splits that the words of a path name."""
+    return {SPLIT_WORDS[word] for word in words(path.as_posix()) if word in SPLIT_WORDS}
+
+
+def _fold_of(path: Path) -> int | None:
     fold = _fold(words(path.parent.as_posix()), after_split=False)
-    if fold is None:
-        fold = _fold(stem, after_split=True)
-    return splits[0], fold, "entire" in stem
+    return _fold(words(path.stem), after_split=True) if fold is None else fold
 
 
 def words(name: str) -> list[str]:
@@ -113,7 +153,7 @@ def _fold(name: list[str], after_split: bool) -> int | None:
     for word, following in pairwise(name):
         if word == "fold" and following.isdigit():
             return int(following)
-    ends = after_split and name[-1].isdigit() and len(name[-1]) <= 2
+    ends = after_split and bool(name) and name[-1].isdigit() and len(name[-1]) <= 2
     return int(name[-1]) if ends and SPLIT_WORDS.keys() & set(name[:-1]) else None
 
 
@@ -147,13 +187,24 @@ def find_labels(
     if not fitting:
         raise DatasetError(_not_found_message(directory, split, fold, entire_tree, files))
     colour = [file for file in fitting if "rgb" in words(file.path.stem)]
-    fitting = colour if len(colour) == 1 else fitting
+    fitting = colour if len(colour) == 1 else _joined(fitting)
     if len(fitting) > 1:
-        listed = _listed(directory, fitting)
+        listed = _listed(directory, [file.path for file in fitting])
         raise DatasetError(
             f"{directory}: holds several label files for {split}: {listed}, expected one"
         )
     return fitting[0]
+
+
+def _joined(files: list[LabelFile]) -> list[LabelFile]:
+    """Join two files of which one alone has keypoints; return others unchanged."""
+    if len(files) != 2 or files[0].path.parent != files[1].path.parent:
+        return files
+    with_points = [file for file in files if has_keypoints(file.path)]
+    if len(with_points) != 1:
+        return files
+    (other,) = (file for file in files if file not in with_points)
+    return [replace(other, keypoints=with_points[0].path)]
 
 
 def _nearest(files: list[LabelFile]) -> list[LabelFile]:
@@ -192,28 +243,41 @@ def _not_found_message(
         return (
             f"{directory / name}: no such file, expected a dataset with {name},"
             f" annotations/instances_{split}*.json or {split}/_annotations.coco.json"
+            f"{_others(directory)}"
         )
     wanted = f"{'entire-tree ' * entire_tree}labels of {split}"
     wanted += "" if fold is None else f" in fold {fold}"
     hint = ""
     if not entire_tree and any(file.entire_tree and file.split == split for file in files):
         hint = "; use --entire-tree for labels of entire trees"
-    return f"{directory}: expected {wanted}, like {name}; found {_listed(directory, files)}{hint}"
+    elif not any(file.names_split for file in files):
+        hint = _HOW_TO_SPLIT
+    found = _listed(directory, [file.path for file in files])
+    return f"{directory}: expected {wanted}, like {name}; found {found}{hint}"
 
 
-def _listed(directory: Path, files: list[LabelFile]) -> str:
-    names = [file.path.relative_to(directory).as_posix() for file in files]
+def _others(directory: Path) -> str:
+    """Name the JSON files of a folder without label files."""
+    found = sorted(path for pattern in _PATTERNS for path in directory.glob(pattern))
+    named = f"; no COCO labels (images, annotations, categories) in {_listed(directory, found)}"
+    return named if found else ""
+
+
+def _listed(directory: Path, paths: list[Path]) -> str:
+    names = [path.relative_to(directory).as_posix() for path in paths]
     more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
     return ", ".join(names[:_MAX_LISTED]) + more
 
 
 def _explicit_file(path: Path, split: str | None) -> LabelFile:
     """Return a label file given by its path; the split is "test" if its name has none."""
-    recognised = _recognise(Path(path.name))
-    named = recognised[0] if recognised else "test"
+    splits = _splits_in(Path(path.name))
+    named = splits.pop() if len(splits) == 1 else "test"
     if split not in (None, named):
+        how = "" if _splits_in(Path(path.name)) else _HOW_TO_SPLIT
         raise DatasetError(
-            f"{path}: is a label file of split {named}, expected one of split {split} or a folder"
+            f"{path}: is a label file of split {named}, expected one of split {split} or a"
+            f" folder{how}"
         )
     root = path.parent.parent if path.parent.name == "annotations" else path.parent
     return LabelFile(named, None, False, path, root)

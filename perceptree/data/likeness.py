@@ -13,7 +13,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, UInt8
 from basetree.files.names import IMAGE_SUFFIXES
-from basetree.files.reading import read_image
+from basetree.files.reading import read_picture
 from perceptree.errors import DatasetError
 
 _WIDTH_PX = 640
@@ -132,9 +132,10 @@ def read_small(path: Path) -> UInt8:
     Raises:
         DatasetError: If the file cannot be read.
     """
-    image = read_image(path)
-    if image is None:
+    picture = read_picture(path)
+    if picture is None:
         raise DatasetError(f"{path}: not a readable image, expected one")
+    image = picture.upright()
     height = round(image.shape[0] * _WIDTH_PX / image.shape[1])
     small = cv2.resize(image, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from perceptree.data.entries import EntryError, refuse, rows
+from perceptree.data.entries import refuse, rows
 from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
@@ -110,8 +110,10 @@ def map_names(content: dict[str, Any], annotations: Sequence[dict[str, Any]]) ->
         return NameMap(frozenset(), {None: keypoints}, (_NO_CATEGORIES, *messages))
     categories = rows(content, "categories")
     for category in categories:
-        if not isinstance(category.get("id"), int) or not isinstance(category.get("name"), str):
-            raise DatasetError("expected categories that each have an integer id and a name")
+        if not isinstance(category.get("name"), str):
+            raise DatasetError(
+                f"category {category['id']} has no name, expected categories with an id and a name"
+            )
     counts = Counter(annotation.get("category_id") for annotation in annotations)
     chosen, notes = _tree_categories(categories, counts)
     maps: dict[int | None, KeypointMap] = {}
@@ -125,7 +127,7 @@ def _tree_categories(
     categories: list[dict[str, Any]], counts: Counter[Any]
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the categories that are trees, and messages about the choice."""
-    parents = {category.get("supercategory") for category in categories}
+    parents = {str(category.get("supercategory")) for category in categories}
     # Some tools add an unlabelled parent category.
     real = [c for c in categories if counts[c["id"]] or c["name"] not in parents] or categories
     if len(real) == 1:
@@ -182,7 +184,7 @@ def _unnamed_keypoints(
         if listed and category_id in (None, annotation.get("category_id", category_id)):
             count, rest = divmod(len(listed), 3) if isinstance(listed, list) else (0, 1)
             if rest:
-                raise EntryError(annotation, "annotation", "keypoints", "x, y, flag of each")
+                continue  # broken, which is told when it is read
             if count == len(KEYPOINT_NAMES):
                 order = ", ".join(KEYPOINT_NAMES)
                 return KeypointMap(count, tuple(range(count))), [

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from basetree.arrays import Float64
-from basetree.files.limits import current_limits
 from calib import opencv_to_image
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
@@ -19,13 +18,14 @@ from perceptree.data.entries import (
     check_segmentation,
     flag,
     named_numbers,
-    numbers,
     refuse,
-    rows,
-    whole,
 )
-from perceptree.data.names import KeypointMap, NameMap, map_names
+from perceptree.data.fields import check_image, has_area, keypoints_of
+from perceptree.data.joining import join_keypoints
+from perceptree.data.names import NameMap, map_names
 from perceptree.data.pictures import Pictures
+from perceptree.data.standard import Standard, drop_short_parts
+from perceptree.data.tally import Tally
 from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
@@ -33,12 +33,8 @@ OnError = Callable[[EntryError], None]
 
 _TRUTH_FIELDS = ("distance_m", "diameter_m", "cut_height_m", "inclination_deg", "visible_fraction")
 _FRAME_FIELDS = ("camera", "up_camera", "depth_encoding", "scene")
-_FILE_FIELDS = ("file_name", "depth_file", "depth8_file")
 _BORDER_PX = 1.0
 _CHUNK = 512
-_FLAGS = frozenset((0, 1, 2))
-_IN_ORDER = tuple(range(len(KEYPOINT_NAMES)))
-_NOTHING = [0.0] * (3 * len(KEYPOINT_NAMES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +45,13 @@ class Parsed:
         frames: The frames.
         notes: Messages for the user.
         has_masks: Whether every tree has a mask.
-        outside: (annotation id, x, y) of keypoints outside their frame.
+        tally: What was left out.
     """
 
     frames: list[FrameRecord]
     notes: tuple[str, ...]
     has_masks: bool
-    outside: list[tuple[int, float, float]]
+    tally: Tally
 
 
 class _TreeEntry(NamedTuple):
@@ -74,31 +70,48 @@ class Parser:
     """Reads the entries of one file.
 
     Without `on_error` the first invalid entry is raised. With it, each invalid entry is passed to
-    it and left out.
+    it and left out. Annotations without an area or content are always left out and counted.
     """
 
-    def __init__(self, pictures: Pictures, on_error: OnError | None = None) -> None:
+    def __init__(
+        self, pictures: Pictures, on_error: OnError | None = None, crowds_as_trees: bool = False
+    ) -> None:
         self._pictures = pictures
         self._on_error = on_error
+        self._crowds_as_trees = crowds_as_trees
+        self._first_error: EntryError | None = None
         self._names = NameMap(frozenset(), {}, ())
         self._with_masks = True
         self._last_extra: dict[str, Any] = {}
-        self.outside: list[tuple[int, float, float]] = []
+        self._without_parts: set[int] = set()
+        self._tally = Tally()
 
-    def parse(self, content: dict[str, Any]) -> Parsed:
+    def parse(self, content: dict[str, Any], keypoints: Path | None = None) -> Parsed:
         """Convert a file's content to frames.
 
         Empties `content` as it goes, to save memory.
 
+        Args:
+            content: The file's content.
+            keypoints: A second file with the keypoints.
+
         Raises:
             DatasetError: If the content is not COCO or, without `on_error`, an entry is invalid.
         """
-        images, annotations = (rows(content, name) for name in ("images", "annotations"))
+        entries = Standard(content, self._report)
+        images, annotations = entries.images, entries.annotations
         if not images:
-            raise DatasetError("holds no images, expected at least one")
+            raise DatasetError(
+                f"holds no usable images ({self._first_error}), expected at least one"
+            )
+        joined = (
+            [join_keypoints(entries, keypoints, self._report, self._tally)] if keypoints else []
+        )
         self._names = map_names(content, annotations)
         self._with_masks = self._decide_masks(annotations)
-        trees = self._by_image(images, annotations)
+        trees: dict[int, list[Entry]] = {image["id"]: [] for image in images}
+        for annotation in annotations:
+            trees[annotation["image_id"]].append(annotation)
         content.clear()
         annotations.clear()
         frames: list[FrameRecord] = []
@@ -106,50 +119,38 @@ class Parser:
             chunk = images[first : first + _CHUNK]
             frames += self._frames(chunk, [trees.pop(image["id"]) for image in chunk])
         if not frames:
-            raise DatasetError("holds no usable images, expected at least one")
-        return Parsed(frames, self._notes(), self._with_masks, self.outside)
+            first_of_all = f" ({self._first_error})" if self._first_error else ""
+            raise DatasetError(f"holds no usable images{first_of_all}, expected at least one")
+        self._tally.shared = len(frames) - len({frame.image_path for frame in frames})
+        notes = [*joined, *entries.notes, *self._names.notes, *self._tally.notes()]
+        if not self._with_masks:
+            notes.append("the set has no masks")
+        return Parsed(frames, tuple(notes), self._with_masks, self._tally)
 
     def _report(self, error: EntryError) -> None:
         if self._on_error is None:
             raise error
+        self._first_error = self._first_error or error
         self._on_error(error)
 
-    def _notes(self) -> tuple[str, ...]:
-        notes = [*self._names.notes]
-        if self.outside:
-            notes.append(
-                f"{len(self.outside)} keypoints are outside their frame and count as not labelled,"
-                f" the first at {_example(self.outside)}"
-            )
-        if not self._with_masks:
-            notes.append("the set has no masks")
-        return tuple(notes)
-
     def _decide_masks(self, annotations: list[Entry]) -> bool:
-        """Return whether any tree has a mask; then all trees must have one."""
-        known, trees = self._names.known, self._names.keypoints
-        return not annotations or any(
-            annotation.get("segmentation")
-            for annotation in annotations
-            if not known or annotation.get("category_id") in trees
-        )
+        """Return whether any tree has a mask; then all trees must have one.
 
-    def _by_image(self, images: list[Entry], annotations: list[Entry]) -> dict[int, list[Entry]]:
-        trees: dict[int, list[Entry]] = {}
-        for image in images:
-            trees[whole(image, "image", "id")] = []
-        if len(trees) < len(images):
-            shared, times = Counter(image["id"] for image in images).most_common(1)[0]
-            raise DatasetError(f"{times} images have the id {shared}, expected unique ids")
+        Removes polygons of fewer than three points.
+        """
+        known, trees = self._names.known, self._names.keypoints
+        masks = False
         for annotation in annotations:
-            try:
-                owner = whole(annotation, "annotation", "image_id")
-                if owner not in trees:
-                    refuse(annotation, "annotation", "image_id", "one of the images' ids")
-                trees[owner].append(annotation)
-            except EntryError as error:
-                self._report(error)
-        return trees
+            category = annotation.get("category_id")
+            if known and category is not None and category not in trees:
+                continue
+            short = drop_short_parts(annotation)
+            if short and not annotation["segmentation"]:
+                self._without_parts.add(annotation["id"])
+            else:
+                self._tally.left_out += [("polygon_short", annotation["id"])] * short
+            masks = masks or bool(annotation.get("segmentation"))
+        return masks or not annotations
 
     def _frames(self, images: list[Entry], trees: list[list[Entry]]) -> list[FrameRecord]:
         """Create the records of some images; boxes and keypoints are rows of two shared arrays."""
@@ -158,7 +159,7 @@ class Parser:
         ends: list[int] = []
         for image, labels in zip(images, trees, strict=True):
             try:
-                _check_image(image, self._pictures)
+                self._tally.sized += check_image(image, self._pictures)
             except EntryError as error:
                 self._report(error)
                 continue
@@ -185,23 +186,48 @@ class Parser:
         return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
 
     def _check_tree(self, annotation: Entry, image: Entry, found: list[_TreeEntry]) -> None:
-        """Add an annotation to `found` if it is a tree.
+        """Add an annotation to `found` if it is a tree with content.
 
         Raises:
             EntryError: If it is invalid.
         """
         keypoints = self._names.of(annotation)
-        if keypoints is None:
+        if keypoints is None or self._is_left_out(annotation):
             return
-        box, points = _box(annotation), _points(annotation, keypoints)
-        crowd, marked = flag(annotation, "iscrowd"), flag(annotation, "ignore")
+        points = keypoints_of(annotation, keypoints)
+        marked, size = flag(annotation, "ignore"), (image["width"], image["height"])
+        crowd = flag(annotation, "iscrowd") and not self._is_tree(annotation)
         if annotation.get("segmentation"):
-            check_segmentation(annotation, image["width"], image["height"])
+            check_segmentation(annotation, *size)
         elif self._with_masks and not (crowd or marked):
             expected = "polygons or run lengths, because other trees in the file have them"
             refuse(annotation, "annotation", "segmentation", expected)
-        truth, size = named_numbers(annotation, _TRUTH_FIELDS), (image["width"], image["height"])
-        found.append(_TreeEntry(annotation, box, points, size, truth, crowd, marked))
+        truth = named_numbers(annotation, _TRUTH_FIELDS)
+        found.append(_TreeEntry(annotation, annotation["bbox"], points, size, truth, crowd, marked))
+
+    def _is_left_out(self, annotation: Entry) -> bool:
+        """Whether an annotation has no content or area, or lost its mask; counts it."""
+        mask, kind = annotation.get("segmentation"), None
+        if not (annotation.get("bbox") or mask or annotation.get("keypoints")):
+            kind = "no_content"
+        elif not has_area(annotation):
+            kind = "box_empty"
+        elif not mask and annotation["id"] in self._without_parts:
+            is_ignored = flag(annotation, "iscrowd") or flag(annotation, "ignore")
+            kind = "mask_short" if self._with_masks and not is_ignored else None
+        if kind:
+            self._tally.left_out.append((kind, annotation["id"]))
+        return kind is not None
+
+    def _is_tree(self, crowd: Entry) -> bool:
+        """Whether run lengths with iscrowd 1 are one tree; counts them."""
+        if not isinstance(crowd.get("segmentation"), dict):
+            return False
+        has_keypoints = any((crowd.get("keypoints") or [])[2::3])
+        self._tally.crowds_with_keypoints += has_keypoints
+        self._tally.crowds_taken += self._crowds_as_trees and not has_keypoints
+        self._tally.crowds += not (self._crowds_as_trees or has_keypoints)
+        return self._crowds_as_trees or has_keypoints
 
     def _records(self, found: list[_TreeEntry]) -> list[TreeRecord]:
         boxes = np.array([one.box for one in found], float).reshape(-1, 4)
@@ -238,57 +264,12 @@ class Parser:
         outside = labelled & (gap > _BORDER_PX)
         for row, point in zip(*np.nonzero(outside), strict=True):
             x, y = listed[row][3 * point : 3 * point + 2]
-            self.outside.append((found[row].entry["id"], x, y))
+            self._tally.outside.append((found[row].entry["id"], x, y))
         keypoints[~labelled | outside] = 0.0
         keypoints[..., :2] = np.clip(keypoints[..., :2], 0.0, sizes)
         return keypoints
 
 
-def _check_image(image: Entry, pictures: Pictures) -> None:
-    for key in _FILE_FIELDS:
-        name = image.get(key)
-        if name is None and key != "file_name":
-            continue
-        if not isinstance(name, str) or not name or "\0" in name or not pictures.is_inside(name):
-            refuse(image, "image", key, "the path of a file in the dataset's folder")
-    largest = current_limits().image_pixels
-    for key in ("width", "height"):
-        if whole(image, "image", key) < 1:
-            refuse(image, "image", key, "at least 1 px")
-    if image["width"] * image["height"] > largest:
-        refuse(image, "image", "width", f"a picture of at most {largest} pixels")
-
-
-def _example(outside: list[tuple[int, float, float]]) -> str:
-    tree, x, y = outside[0]
-    return f"x = {x:.6g}, y = {y:.6g} of annotation {tree}"
-
-
 def _species(annotation: Entry) -> str | None:
     species = annotation.get("species")
     return species if isinstance(species, str) else None
-
-
-def _box(annotation: Entry) -> list[float]:
-    whole(annotation, "annotation", "id")
-    box = numbers(annotation, "bbox", 4)
-    if box[2] <= 0 or box[3] <= 0:
-        refuse(annotation, "annotation", "bbox", "a width and height over 0")
-    return box
-
-
-def _points(annotation: Entry, keypoints: KeypointMap) -> list[float]:
-    """Return the five keypoints as on disk, [x, y, flag, ...]; zeros for missing ones."""
-    if not annotation.get("keypoints"):
-        return _NOTHING
-    listed = numbers(annotation, "keypoints", 3 * keypoints.count)
-    if not _FLAGS.issuperset(listed[2::3]):
-        refuse(annotation, "annotation", "keypoints", "flags of 0, 1 or 2")
-    if keypoints.indices is None:
-        return _NOTHING
-    if keypoints.indices == _IN_ORDER and len(listed) == len(_NOTHING):
-        return listed
-    values: list[float] = []
-    for index in keypoints.indices:
-        values += [0.0] * 3 if index < 0 else listed[3 * index : 3 * index + 3]
-    return values

@@ -4,31 +4,37 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 import cv2
 import numpy as np
 
-from basetree.files.reading import read_image
+from basetree.files.picture_size import picture_size
+from basetree.files.reading import orientation_note, read_image
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
 _SAMPLED_IMAGES = 3
-_FOLDERS = re.compile(r"[/\\]")
+_SEPARATORS = re.compile(r"[/\\]")
+_MOST_FOLDERS = 8  # at the end of a name
 _DEPTH_FIELDS = ("depth_file", "depth8_file")
+_HEADER_BYTES = 2**18
 
 
 class Pictures:
     """Paths of a dataset's images.
 
     If the label file names depth images, those are used; otherwise they are searched for by name.
-    The search runs once, for a few images.
+    The search runs once, for a few images. A path or URL that leads out of the dataset's folder
+    stands for the file in it that has the same name.
 
     Attributes:
-        notes: Messages for the user about depth images found by name.
+        notes: Messages for the user about turned images, and depth images found by name.
     """
 
     def __init__(self, labels: LabelFile, images: list[dict[str, Any]]) -> None:
@@ -36,35 +42,65 @@ class Pictures:
         sampled = [image for image in images[::step] if isinstance(image.get("file_name"), str)]
         names = [image["file_name"] for image in sampled]
         self._root = labels.root
+        self._top = os.path.abspath(labels.root)
+        self._labels = labels
         self._path_of = _find_path_rule(labels, names)
         self._depth8: _DepthRule | None = None
-        self.notes: tuple[str, ...] = ()
+        there = [path for name in names if os.path.isfile(path := self._path_of(name))]
+        self.notes: tuple[str, ...] = _orientation_notes(there)
         if not any(image.get(field) for image in sampled for field in _DEPTH_FIELDS):
-            self._find_depth(
-                [path for name in names if os.path.isfile(path := self._path_of(name))]
-            )
+            self._find_depth(there)
 
-    def is_inside(self, name: str) -> bool:
-        """Whether an image or depth image of this name is in the dataset's folder.
+    @cached_property
+    def _places(self) -> list[Path]:
+        return list(_folders(self._labels))
+
+    def find(self, name: str, field: str = "file_name") -> Path | None:
+        """Return the path of an image or depth image; None if it is not in the dataset's folder.
 
         Links inside of the folder may lead out of it: whoever made them can read the target.
+
+        Args:
+            name: Its name in the label file.
+            field: The field with the name.
         """
-        if ".." not in name and not os.path.isabs(name):
-            return True
-        root = os.path.abspath(self._root)
-        paths = (self._path_of(name), self._root / name)
-        return all(Path(os.path.abspath(path)).is_relative_to(root) for path in paths)
+        path = self._path_of(name) if field == "file_name" else self._root / name
+        if not (".." in name or os.path.isabs(name)) or self._is_inside(path):
+            return path
+        last = path_parts(name)[-1:]
+        paths = (folder.joinpath(*last) for folder in self._places) if last else ()
+        return next((path for path in paths if os.path.isfile(path)), None)
+
+    def _is_inside(self, path: Path) -> bool:
+        return Path(os.path.abspath(path)).is_relative_to(self._top)
 
     def of(self, image: dict[str, Any]) -> tuple[Path, Path | None, Path | None]:
-        """Return the paths of an image's colour, 16-bit depth and 8-bit depth; None if missing."""
-        colour = self._path_of(image["file_name"])
+        """Return the paths of an image's colour, 16-bit depth and 8-bit depth; None if missing.
+
+        `find` must know all names of the image.
+        """
+        colour = self.find(image["file_name"])
+        if colour is None:
+            raise LookupError(image["file_name"])
         if self._depth8 is not None:
             return colour, None, self._depth8(colour)
         depth, depth8 = (
-            None if image.get(field) is None else self._root / image[field]
+            None if image.get(field) is None else self.find(image[field], field)
             for field in _DEPTH_FIELDS
         )
         return colour, depth, depth8
+
+    def give_size(self, image: dict[str, Any]) -> bool:
+        """Give an image the size that its file's header states; return whether there is one."""
+        path = self.find(image["file_name"])
+        try:
+            with open(path or "", "rb") as file:
+                size = picture_size(file.read(_HEADER_BYTES))
+        except (OSError, ValueError):
+            return False
+        if size is not None:
+            image["width"], image["height"] = size
+        return size is not None
 
     def _find_depth(self, pictures: list[Path]) -> None:
         for rule in _depth_rules(self._root) if pictures else ():
@@ -73,37 +109,79 @@ class Pictures:
                 image = read_image(first, cv2.IMREAD_UNCHANGED)
                 if image is not None and image.dtype == np.uint8 and image.ndim == 2:
                     self._depth8 = rule
-                    self.notes = (
+                    self.notes += (
                         f"depth images found, such as {first.relative_to(self._root.parent)}; their"
                         " depth encoding is unknown: the grey values are used unchanged",
                     )
                 else:
-                    self.notes = (
+                    self.notes += (
                         f"depth is left out: {first.relative_to(self._root.parent)} is not an 8-bit"
                         " single-channel image",
                     )
                 return
 
 
+def _orientation_notes(pictures: list[Path]) -> tuple[str, ...]:
+    """Say how pictures are turned if one of these states an EXIF orientation."""
+    stated = ((path, orientation_note(path)) for path in pictures)
+    path, note = next(((path, note) for path, note in stated if note), (None, ""))
+    if path is None:
+        return ()
+    return (
+        f"{path.name} is{note}: pictures are read as stored if that has the labels' size, else"
+        " turned; perceptree data check counts them",
+    )
+
+
 @dataclass(frozen=True)
 class _PathRule:
-    """Converts an image's name to a path in `folder`; `flat` drops folders in the name."""
+    """Converts an image's name to a path in `folder`.
+
+    Attributes:
+        folder: Where the path starts.
+        dropped: How many folders at the start of the name are left out, of a path of any system or
+            a URL; -1 for all, None for a name as it is.
+    """
 
     folder: Path
-    flat: bool = False
+    dropped: int | None = None
 
     def __call__(self, name: str) -> Path:
-        return self.folder / (_FOLDERS.split(name)[-1] if self.flat else name)
+        if self.dropped is None:
+            return self.folder / name
+        parts = path_parts(name)
+        return self.folder.joinpath(*(parts[self.dropped :] or parts[-1:]))
+
+
+def path_parts(name: str) -> list[str]:
+    """Split a path of any system, or a URL, into folders and file name.
+
+    Examples:
+        >>> path_parts("C:\\\\trees\\\\a.jpg"), path_parts("/data/local-files/?d=trees/a%201.jpg")
+        (['C:', 'trees', 'a.jpg'], ['trees', 'a 1.jpg'])
+    """
+    path, question, query = name.partition("?")
+    if question and not PurePosixPath(path).suffix:
+        path = query.rpartition("=")[2]
+    if question or "://" in name:
+        path = unquote(path)
+    return [part for part in _SEPARATORS.split(path) if part.strip(".") and "\0" not in part]
 
 
 def _find_path_rule(labels: LabelFile, names: list[str]) -> _PathRule:
-    """Return the first rule that finds one of the named images."""
-    for flat in (False, True):
-        for folder in _folders(labels):
-            rule = _PathRule(folder, flat)
-            if any(os.path.isfile(rule(name)) for name in names):
-                return rule
-    return _PathRule(labels.root)
+    """Return the first rule that finds one of the named images: it drops as little as possible."""
+    rules = (_PathRule(folder) for folder in _folders(labels))
+    if (found := _first_that_finds(rules, names)) is not None:
+        return found
+    folders = list(_folders(labels))
+    depth = min((len(path_parts(name)) for name in names), default=0)
+    drops = [*range(max(0, depth - _MOST_FOLDERS), depth), -1]
+    rules = (_PathRule(folder, dropped) for dropped in drops for folder in folders)
+    return _first_that_finds(rules, names) or _PathRule(labels.root)
+
+
+def _first_that_finds(rules: Iterable[_PathRule], names: list[str]) -> _PathRule | None:
+    return next((rule for rule in rules if any(os.path.isfile(rule(name)) for name in names)), None)
 
 
 def _folders(labels: LabelFile) -> Iterator[Path]:

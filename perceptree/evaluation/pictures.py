@@ -15,7 +15,7 @@ from pycocotools import mask as coco_mask
 
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
-from basetree.files.reading import read_image
+from basetree.files.reading import read_picture
 from basetree.files.writing import write_image
 from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
 from perceptree.drawing import Picture, draw_trees, with_caption
@@ -161,10 +161,10 @@ def _read_depth(path: Path, encoding: DepthEncoding) -> NDArray[np.uint8]:
 
 
 def _decoded(path: Path, flag: int) -> NDArray[Any]:
-    image = read_image(path, flag)
-    if image is None:
+    picture = read_picture(path, flag)
+    if picture is None:
         raise DatasetError(f"{path}: not a readable image, expected one")
-    return image
+    return picture.pixels if flag == cv2.IMREAD_UNCHANGED else picture.upright()
 
 
 def new_labels(checkpoint: str, score: float, runs: bool) -> CocoLabels:

@@ -7,17 +7,19 @@ import hashlib
 import json
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import torch
 
+from basetree.files.limits import current_limits
 from basetree.jobs import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
-from perceptree.data import Dataset, FrameRecord, FrameStore, read_dataset
+from perceptree.data import SPLITS, Dataset, FrameRecord, FrameStore, read_dataset
 from perceptree.data.frames import source_path
 from perceptree.evaluation.figures import About, figures_of
 from perceptree.evaluation.metrics import check_trees, measured_from
@@ -45,6 +47,7 @@ class SplitSource:
         fold: Which fold of a dataset with several.
         entire_tree: Whether the labels of entire trees are read.
         certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
+        crowds_as_trees: Whether run lengths with iscrowd 1 are trees also without keypoints.
     """
 
     data: str
@@ -52,6 +55,7 @@ class SplitSource:
     fold: int | None
     entire_tree: bool
     certain_m: float | None = None
+    crowds_as_trees: bool = False
 
     @contextmanager
     def opened(self) -> Iterator[Dataset]:
@@ -61,7 +65,13 @@ class SplitSource:
             DatasetError: If there are no labels of the split, or they are not COCO.
             StoreError: If a file at the URL cannot be read.
         """
-        options = (self.split, self.fold, self.entire_tree, self.certain_m)
+        options = (
+            self.split,
+            self.fold,
+            self.entire_tree,
+            self.certain_m,
+            self.crowds_as_trees,
+        )
         if not is_url(self.data):
             yield read_dataset(self.data, *options)
             return
@@ -194,10 +204,9 @@ def merge_evaluation(parts: MergedParts, out: Path | None) -> tuple[dict[str, An
         JobError: If the labels are not those of the shards.
         InputError: If the dataset cannot be read, or the report not written.
     """
-    identity = parts.job.identity
-    source = SplitSource(**identity["source"])
-    spec = ModelSpec.from_dict(identity["spec"])
-    predictions = [_prediction(record) for content in parts for record in json.loads(content)]
+    identity, where = parts.job.identity, parts.job.store.where
+    source, spec = _source_and_spec(identity, where)
+    predictions = [one for content in parts for one in read_predictions(content, where)]
     with source.opened() as dataset:
         if labels_sha256(dataset) != identity["labels_sha256"]:
             raise JobError(f"{source.data}: has other labels than the shards were made with")
@@ -211,6 +220,19 @@ def merge_evaluation(parts: MergedParts, out: Path | None) -> tuple[dict[str, An
         return report.figures, report.write(out)
 
 
+def _source_and_spec(identity: Mapping[str, Any], where: str) -> tuple[SplitSource, ModelSpec]:
+    """What a manifest says of the frames and the model."""
+    try:
+        source, spec = SplitSource(**identity["source"]), ModelSpec.from_dict(identity["spec"])
+        known = isinstance(identity["labels_sha256"], str) and isinstance(identity["about"], dict)
+    except (LookupError, TypeError, ValueError) as error:
+        raise JobError(f"{where}: not the shards of an evaluation ({error!r:.100})") from error
+    certain = type(source.certain_m) in (int, float, NoneType)
+    if not (known and certain and isinstance(source.data, str) and source.split in SPLITS):
+        raise JobError(f"{where}: not the shards of an evaluation, expected its source and labels")
+    return source, spec
+
+
 def _record(prediction: FramePrediction) -> dict[str, Any]:
     """A prediction as JSON values, which keep every bit."""
     keypoints = prediction.keypoints
@@ -222,11 +244,47 @@ def _record(prediction: FramePrediction) -> dict[str, Any]:
     }
 
 
+def read_predictions(content: bytes, where: object) -> list[FramePrediction]:
+    """Read the predictions that a shard wrote.
+
+    Args:
+        content: Content of a part.
+        where: Where the part is, for messages.
+
+    Raises:
+        JobError: If it holds other values.
+    """
+    try:
+        return [_prediction(record) for record in json.loads(content)]
+    except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
+        raise JobError(
+            f"{where}: a part holds no predictions ({error!r:.100}), expected what a shard wrote"
+        ) from error
+
+
 def _prediction(record: dict[str, Any]) -> FramePrediction:
-    keypoints = record["keypoints"]
-    return FramePrediction(
-        np.array(record["boxes"], np.float64).reshape(-1, 4),
-        np.array(record["scores"], np.float64),
-        None if keypoints is None else np.array(keypoints, np.float64).reshape(-1, 5, 3),
-        record["masks"],
+    """Make a prediction of JSON values; ValueError or another plain error if they are none."""
+    boxes = np.array(record["boxes"], np.float64).reshape(-1, 4)
+    scores = np.array(record["scores"], np.float64)
+    listed, masks = record["keypoints"], record["masks"]
+    keypoints = None if listed is None else np.array(listed, np.float64).reshape(-1, 5, 3)
+    if scores.shape != (len(boxes),) or not (
+        np.isfinite(boxes).all() and np.isfinite(scores).all()
+    ):
+        raise ValueError("boxes and scores are no finite numbers of each tree")
+    if keypoints is not None and (len(keypoints) != len(boxes) or not np.isfinite(keypoints).all()):
+        raise ValueError("keypoints are no finite numbers of each tree")
+    if masks is not None and (len(masks) != len(boxes) or not all(map(_is_mask, masks))):
+        raise ValueError("masks are no run lengths of each tree")
+    return FramePrediction(boxes, scores, keypoints, masks)
+
+
+def _is_mask(mask: Any) -> bool:
+    size = mask.get("size") if isinstance(mask, dict) else None
+    return (
+        isinstance(size, list)
+        and [type(side) for side in size] == [int, int]
+        and all(1 <= side <= current_limits().image_pixels for side in size)
+        and size[0] * size[1] <= current_limits().image_pixels
+        and isinstance(mask.get("counts"), str)
     )

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 
 from basetree.errors import InputError
 from basetree.settings import Settings, limits, names
+from calib import DepthEncoding, DepthError
 
 CLASS_NAMES = ("tree",)
 
@@ -26,6 +27,9 @@ _SMALLEST_PX, _LARGEST_PX = 32, 8192
 _LARGEST_FLOAT = sys.float_info.max
 _WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS = 4096, 64, 16
 # Far above any network that is used.
+_SMALLEST_ANCHOR_PX, _LARGEST_ANCHOR_PX, _STEEPEST_ANCHOR = 0.01, 65_536.0, 1000.0
+_MOST_CELL_ANCHORS = 20_000_000
+_LARGEST_MEAN, _STD_RANGE = 1e6, (1e-6, 1e6)
 _PROPOSALS = limits(1, 100_000)
 _IOU = limits(over=0, most=1)
 _SCORE = limits(0, under=1, expected="within [0, 1)")
@@ -108,7 +112,7 @@ class ModelSpec(Settings, error=SpecError):
     """Whether there is a mask head."""
     keypoints: bool = True
     """Whether there is a keypoint head."""
-    keypoint_box_scale: float = field(default=1.25, metadata=limits(1, expected=">= 1"))
+    keypoint_box_scale: float = field(default=1.25, metadata=limits(1, 100))
     """The keypoint head uses the box enlarged by this factor, so that a felling cut hidden below
     the visible stem is still inside."""
     keypoint_grid: KeypointGrid = field(
@@ -125,6 +129,9 @@ class ModelSpec(Settings, error=SpecError):
 
     def __post_init__(self) -> None:
         self._check_types()
+        for entry in dataclasses.fields(self):  # whole numbers of a file would become int tensors
+            if str(entry.type).startswith(("float", "tuple[float", "tuple[tuple[float")):
+                object.__setattr__(self, entry.name, _as_floats(getattr(self, entry.name)))
         super().__post_init__()
 
     def _check_together(self) -> None:
@@ -157,11 +164,19 @@ class ModelSpec(Settings, error=SpecError):
                 f"mean and std have {len(self.mean)} and {len(self.std)} values",
                 f"{' or '.join(map(str, allowed))} for {self.modality}",
             )
-        if min(self.std) <= 0.0:
-            self._refuse(f"std is {self.std}", "positive values")
+        least, most = _STD_RANGE
+        if not all(least <= value <= most for value in self.std):
+            self._refuse(f"std is {self.std}", f"values of {least:g} to {most:g}")
+        if not all(abs(value) <= _LARGEST_MEAN for value in self.mean):
+            self._refuse(f"mean is {self.mean}", f"values of at most {_LARGEST_MEAN:g}")
         if (self.depth_encoding is None) != (self.modality == "rgb"):
             found = f"depth_encoding is {self.depth_encoding} for {self.modality}"
             self._refuse(found, "one for depth and None for rgb")
+        if self.depth_encoding is not None:
+            try:
+                DepthEncoding.from_dict(self.depth_encoding)
+            except DepthError as error:
+                raise SpecError(f"depth_encoding: {error}") from error
         if not all(_SMALLEST_PX <= side <= _LARGEST_PX for side in (self.height, self.width)):
             found = f"the input is {self.height}x{self.width}"
             self._refuse(found, f"{_SMALLEST_PX} to {_LARGEST_PX} px each way")
@@ -195,11 +210,19 @@ class ModelSpec(Settings, error=SpecError):
                 " level",
                 f"at most {_MOST_ANCHORS} each",
             )
-        sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
-        if not self.anchor_ratios or min(sizes) <= 0.0:
+        ratios, sizes_px = self.anchor_ratios, [s for group in self.anchor_sizes_px for s in group]
+        if not ratios or not all(1 / _STEEPEST_ANCHOR <= r <= _STEEPEST_ANCHOR for r in ratios):
+            expected = f"at least one, {1 / _STEEPEST_ANCHOR:g} to {_STEEPEST_ANCHOR:g}"
+            self._refuse(f"anchor_ratios are {ratios}", expected)
+        if not all(_SMALLEST_ANCHOR_PX <= size <= _LARGEST_ANCHOR_PX for size in sizes_px):
+            expected = f"{_SMALLEST_ANCHOR_PX:g} to {_LARGEST_ANCHOR_PX:g} px"
+            self._refuse(f"anchor_sizes_px are {self.anchor_sizes_px}", expected)
+        cells = sum(rows * columns for rows, columns in map(self.map_size, self.levels))
+        if cells * self.anchors_per_cell > _MOST_CELL_ANCHORS:
             self._refuse(
-                f"anchor_ratios are {self.anchor_ratios}, anchor_sizes_px {self.anchor_sizes_px}",
-                "at least one each, over 0",
+                f"an input of {self.height}x{self.width} px has {cells * self.anchors_per_cell}"
+                " anchors",
+                f"at most {_MOST_CELL_ANCHORS}",
             )
 
     @property
@@ -259,6 +282,10 @@ def _is(value: Any, kind: str) -> bool:
     if not isinstance(value, _PLAIN_TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
         return False
     return not isinstance(value, int | float) or kind != "float" or abs(value) <= _LARGEST_FLOAT
+
+
+def _as_floats(value: Any) -> Any:
+    return tuple(map(_as_floats, value)) if isinstance(value, tuple) else float(value)
 
 
 def _as_tuples(value: Any) -> Any:

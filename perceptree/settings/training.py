@@ -153,6 +153,9 @@ class DataSource(Settings):
     certain_m: float | None = field(default=None, metadata=CERTAIN | option("--certain"))
     """Distance in metres beyond which labelled trees are ignored: they are neither trees nor
     background, in all splits. Needs labels with distance_m."""
+    crowds_as_trees: bool = field(default=False, metadata=option("--crowds-as-trees"))
+    """Take run lengths with iscrowd 1 as trees, as CVAT writes masks painted with a brush; by
+    default only those with keypoints."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ class Engine(Settings):
     save_s: float = field(default=60.0, metadata=_POSITIVE | NOT_AN_OPTION)
     """Time between saved states, s."""
     skip_broken: bool = False
-    """Leave out frames whose files are missing or broken."""
+    """Leave out frames whose files are missing or broken, and broken entries of label files."""
 
     @property
     def device_name(self) -> str:

@@ -63,7 +63,7 @@ def build_table(
     watch = watch or Watch()
     check_specs(settings)
     opened = TableData.open(data, test, watch.preparing)
-    known = _read(out / JSON_FILE)
+    known = read_tables(out / JSON_FILE)
     results: dict[TableModel, list[Result]] = {row.model: [] for row in settings.rows()}
     total = len(results) * len(settings.seeds)
     runs = [(seed, model) for seed in settings.seeds for model in results]
@@ -78,14 +78,19 @@ def build_table(
     return record
 
 
-def _read(path: Path) -> Record:
+def read_tables(path: Path) -> Record:
+    """Read the finished tables of a folder; none if there is no file.
+
+    Raises:
+        CheckpointError: If the file holds something else.
+    """
     if not path.exists():
         return {"schema": _SCHEMA, "tables": {}}
     try:
         known = json.loads(path.read_text("utf-8"))
-        if known["schema"] == _SCHEMA and isinstance(known["tables"], dict):
+        if known["schema"] == _SCHEMA and markdown(known["tables"]):
             return dict(known)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         pass
     raise CheckpointError(f"{path}: not a tables file of this project, expected another folder")
 

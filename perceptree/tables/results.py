@@ -144,7 +144,7 @@ def make_result(
         },
     }
     wanted = json.loads(json.dumps(wanted))
-    known = _read(folder / RESULT_FILE)
+    known = read_result(folder / RESULT_FILE)
     if known is not None and known["training"] == wanted:
         if known["test"] == data.test_identity:
             return known
@@ -194,14 +194,19 @@ def _score(
     return evaluate(predict_with(model), store, _BATCH, report_progress).to_dict()
 
 
-def _read(path: Path) -> Result | None:
+def read_result(path: Path) -> Result | None:
+    """Read the result of a run; None if there is no file.
+
+    Raises:
+        CheckpointError: If the file holds something else.
+    """
     if not path.exists():
         return None
     try:
         result = json.loads(path.read_text("utf-8"))
         if result["schema"] == _SCHEMA and {"training", "made", "test", "metrics"} <= set(result):
             return dict(result)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     raise CheckpointError(
         f"{path}: not a result of a table's run, expected one; remove the file to repeat the run"

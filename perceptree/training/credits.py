@@ -52,5 +52,7 @@ def joined_credits(records: Iterable[dict[str, Any]]) -> Credits:
     found: Credits = {"pretrained": [], "photographs": []}
     for record in records:
         for name, known in found.items():
-            known += [each for each in record.get(name, []) if each not in known]
+            given = record.get(name)
+            credited = given if isinstance(given, list) else []
+            known += [each for each in credited if isinstance(each, dict) and each not in known]
     return {name: known for name, known in found.items() if known}

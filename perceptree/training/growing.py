@@ -189,7 +189,7 @@ def _start_simulating(data: Path, frames: int, workers: int) -> subprocess.Popen
     try:
         record = json.loads(path.read_text("utf-8"))
         seed, image_format = int(record["seed"]), str(record["files"]["image_format"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
         raise DatasetError(
             f"{path}: not readable as settings, expected a dataset of perceptree synth"
         ) from error

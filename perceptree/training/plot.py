@@ -96,7 +96,7 @@ def read_curves(run: Path, name: str) -> RunCurves:
         steps = np.array([entry["step"] for entry in entries], np.int64)
         elapsed_s = np.array([entry["elapsed_s"] for entry in entries], np.float64)
         return RunCurves(name, steps, elapsed_s / _SECONDS_PER_HOUR, _curves(entries))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise CheckpointError(f"{run / LOG_NAME}: not the log of a training ({error!r})") from error
 
 

@@ -16,6 +16,7 @@ from perceptree.settings.training import EXTENDABLE_SETTINGS, DataSource, Engine
 from perceptree.training.counts import Counts, Progress
 from perceptree.training.credits import Credits, training_credits
 from perceptree.training.hardware import fastest_precision, keep_freed_memory
+from perceptree.training.optimizer_state import check_optimizer_state
 from perceptree.training.processes import Processes, process_group
 from perceptree.training.source import Preparing, TrainingData, open_data
 from perceptree.training.starting import Init, describe_init, load_heads, start_from
@@ -235,7 +236,14 @@ def _restore_from(path: Path, trainer: Trainer, state: dict[str, Any], branched:
     """Restore a trainer; a state whose parts do not fit it is an error that names the file."""
     try:
         _restore(trainer, state, branched)
-    except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
+    except (
+        ArithmeticError,
+        RuntimeError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+    ) as error:
         reason = " ".join(str(error).split())[:300]
         raise CheckpointError(
             f"{path}: does not fit the training ({reason}), expected the state of the same model"
@@ -249,6 +257,7 @@ def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
         trainer.average.load_state_dict(state["average"])
     if trainer.start is not None:
         trainer.start.load_state(state.get("start") or trainer.model.backbone.state_dict())
+    check_optimizer_state(trainer.optimizer, state["optimizer"])
     trainer.optimizer.load_state_dict(state["optimizer"])
     step = state["step"]
     trainer.counts = Counts(step, first_step=step) if branched else Counts.of_state(state)

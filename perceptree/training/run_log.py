@@ -10,6 +10,7 @@ from perceptree.errors import CheckpointError
 
 LOG_NAME = "log.jsonl"
 EVENTS_NAME = "tensorboard"
+_MOST_STEPS = 10**12
 
 
 class RunLog:
@@ -65,20 +66,31 @@ def read_log(out: Path) -> list[dict[str, Any]]:
     path = out / LOG_NAME
     try:
         lines = path.read_text("utf-8").splitlines()
-    except OSError as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise CheckpointError(
-            f"{path}: cannot be read ({error.strerror}); expected the folder of a training"
+            f"{path}: cannot be read ({error}), expected the folder of a training"
         ) from error
     entries: dict[tuple[int, bool], dict[str, Any]] = {}
     for number, line in enumerate(lines, start=1):
         try:
             entry = json.loads(line)
-            entries[int(entry["step"]), "val" in entry] = entry
-        except (ValueError, KeyError, TypeError) as error:
+            entries[_step_of(entry), "val" in entry] = entry
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             if number == len(lines):
                 break  # a killed run may leave an incomplete last line
-            raise CheckpointError(f"{path}: line {number} is no log entry of a training") from error
+            raise CheckpointError(
+                f"{path}: line {number} is no log entry of a training, expected an object with a"
+                " step"
+            ) from error
     return [entries[key] for key in sorted(entries)]
+
+
+def _step_of(entry: dict[str, Any]) -> int:
+    """The step of an entry; ValueError, KeyError or TypeError for what is none."""
+    step = entry["step"]
+    if type(step) is not int or not 0 <= step <= _MOST_STEPS:
+        raise ValueError(f"step is {step!r:.100}")
+    return step
 
 
 def _scalars(entry: dict[str, Any], prefix: str = "") -> list[tuple[str, float]]:

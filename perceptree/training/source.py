@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
+from perceptree.data.entries import EntryError
 from perceptree.data.grading import ignored_note
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
@@ -82,10 +83,14 @@ def open_data(
             labels for a head of the model or distances for `certain_m` are missing.
     """
     certain_m = source.certain_m
-    mixed = [] if source.mix is None else [DataSource(source.mix, certain_m=certain_m)]
+    mixed = (
+        []
+        if source.mix is None
+        else [replace(source, directory=source.mix, mix=None, fold=None, entire_tree=False)]
+    )
     sources = [source, *mixed]
-    val = _labelled(source, "val", preparing)
-    trains = [_labelled(each, "train", preparing) for each in sources]
+    val = _labelled(source, "val", preparing, engine)
+    trains = [_labelled(each, "train", preparing, engine) for each in sources]
     folders = [
         _cache_folder(each, train, spec, engine, mixed=number > 0)
         for number, (each, train) in enumerate(zip(sources, trains, strict=True))
@@ -110,11 +115,9 @@ def open_data(
     )
 
 
-def _labelled(source: DataSource, split: str, preparing: Preparing) -> Dataset:
+def _labelled(source: DataSource, split: str, preparing: Preparing, engine: Engine) -> Dataset:
     """Read the labels of a split; it must have a labelled tree that counts."""
-    dataset = read_dataset(
-        source.directory, split, source.fold, source.entire_tree, source.certain_m
-    )
+    dataset, broken = _read(source, split, engine.skip_broken)
     trees = [tree for frame in dataset.frames for tree in frame.trees]
     if not trees:
         raise DatasetError(
@@ -122,13 +125,37 @@ def _labelled(source: DataSource, split: str, preparing: Preparing) -> Dataset:
         )
     if all(tree.ignored for tree in trees):
         (reasons,) = ignored_note(dataset.frames, source.certain_m)
+        hint = "; --crowds-as-trees takes run lengths as trees" if dataset.tally.crowds else ""
         raise DatasetError(
             f"{source.directory}: the {split} split has no tree that counts ({reasons}), expected"
-            " at least one"
+            f" at least one{hint}"
         )
     for note in dataset.notes:
         preparing.say(f"{dataset.labels.path}: {note}")
+    if broken:
+        first = "; ".join(map(str, broken[:_NAMES_SHOWN]))
+        preparing.say(f"{dataset.labels.path}: left out {len(broken)} broken entries: {first}")
     return dataset
+
+
+def _read(source: DataSource, split: str, skip_broken: bool) -> tuple[Dataset, list[EntryError]]:
+    """Read the labels of a split, and return the broken entries that were left out."""
+    broken: list[EntryError] = []
+    try:
+        dataset = read_dataset(
+            source.directory,
+            split,
+            source.fold,
+            source.entire_tree,
+            source.certain_m,
+            source.crowds_as_trees,
+            broken.append if skip_broken else None,
+        )
+    except DatasetError as error:
+        if isinstance(error.__cause__, EntryError):
+            raise DatasetError(f"{error}; --skip-broken leaves broken entries out") from error
+        raise
+    return dataset, broken
 
 
 def _open_cache(

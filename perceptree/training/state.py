@@ -21,6 +21,7 @@ _LONGEST_REASON = 300
 _MOST_STEPS = 10**12
 _STEPS = ("step", "first_step", "stale", "evaluated_at")
 _TIMES = ("elapsed_s", "waited_s")
+_PRECISIONS = ("fp32", "bf16")
 _KEYS = ("model", "average", "optimizer", "precision", *_STEPS, *_TIMES, "means", "best")
 
 Identity = Mapping[str, Mapping[str, Any]]
@@ -97,6 +98,8 @@ def _checked(state: Any) -> dict[str, dict[str, Any]]:
     Raises:
         ValueError: If a value is missing or none that `write_state` writes.
     """
+    if not isinstance(state, dict):
+        raise ValueError("it holds no values by name")
     missing = [name for name in (*_KEYS, "identity") if name not in state]
     if missing:
         raise ValueError(f"{missing[0]} is missing")
@@ -127,6 +130,8 @@ def _check_weights(state: Mapping[str, Any]) -> None:
         raise ValueError("means are no finite numbers by name")
     if best is not None and (not isinstance(best, dict) or not _is_finite(best.get("box_ap"))):
         raise ValueError("best has no box_ap")
+    if best is not None and not all(map(_is_metric, best.values())):
+        raise ValueError("best holds what is no metric")
     for name in ("model", "average", "start"):
         weights = state.get(name)
         if weights is None and name != "model":
@@ -136,8 +141,15 @@ def _check_weights(state: Mapping[str, Any]) -> None:
         ):
             raise ValueError(f"{name} does not hold tensors by name")
         check_values(name, weights)
-    if not isinstance(state["optimizer"], dict) or not isinstance(state["precision"], str):
+    if not isinstance(state["optimizer"], dict) or state["precision"] not in _PRECISIONS:
         raise ValueError("optimizer or precision is of another type")
+
+
+def _is_metric(value: Any) -> bool:
+    """Whether a value is a finite number, None, or an object of such."""
+    if isinstance(value, dict):
+        return all(one is None or _is_finite(one) for one in value.values())
+    return value is None or _is_finite(value)
 
 
 def _is_finite(value: Any) -> bool:

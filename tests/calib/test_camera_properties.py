@@ -34,6 +34,8 @@ LENSES: list[tuple[str, tuple[float, ...]]] = [
     ("radtan", (-0.06, 0.01, 1e-3, -1e-3)),
     ("radtan", (-0.06, 0.01, -1e-3, 1e-3, 1e-3)),
     ("radtan", (0.6, 0.1, 1e-3, -1e-3, 0.01, 0.7, 0.15, 0.02)),
+    ("radtan", (0.6, 0.1, 1e-3, -1e-3, 0.01, 0.7, 0.15, 0.02, 2e-3, -1e-3, -2e-3, 1e-3)),
+    ("radtan", (-0.06, 0.01, 1e-3, -1e-3, 1e-3, *[0.0] * 7, 0.02, -0.03)),
     ("fisheye", (-0.03, 0.01, -0.004, 5e-4)),
 ]
 
@@ -195,13 +197,13 @@ def opencv_file(path: Path, camera: PinholeCamera) -> None:
 
 
 def ros_camera_info(camera: PinholeCamera) -> dict[str, object]:
-    models = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
     fisheye, terms = camera.distortion_model == "fisheye", list(camera.distortion)
+    model = "rational_polynomial" if len(terms) > 5 else "plumb_bob"
     return {
         **size_of(camera),
         "camera_name": "front",
         "camera_matrix": {"rows": 3, "cols": 3, "data": matrix_of(camera)},
-        "distortion_model": "equidistant" if fisheye else models[len(terms)],
+        "distortion_model": "equidistant" if fisheye else model,
         "distortion_coefficients": {"rows": 1, "cols": len(terms), "data": terms},
     }
 
@@ -302,7 +304,7 @@ def as_text(values_of: Callable[[PinholeCamera], object]) -> Callable[[Path, Pin
 WITH_FIVE = [lens for lens in LENSES if len(lens[1]) in (0, 5) or lens[0] == "fisheye"]
 WITH_FOUR = [lens for lens in LENSES if len(lens[1]) in (0, 4)]
 UP_TO_FIVE = [lens for lens in LENSES if len(lens[1]) <= 5]
-WITHOUT_FOUR = [lens for lens in LENSES if len(lens[1]) != 4 or lens[0] == "fisheye"]
+OF_ZED = [lens for lens in LENSES if len(lens[1]) in (0, 5, 8) or lens[0] == "fisheye"]
 HD = (1280, 720)
 FORMATS: dict[str, tuple[str, Callable[[Path, PinholeCamera], None], st.SearchStrategy]] = {
     "own": ("camera.json", save_camera, cameras()),
@@ -314,7 +316,7 @@ FORMATS: dict[str, tuple[str, Callable[[Path, PinholeCamera], None], st.SearchSt
     "Kalibr": ("camchain.yaml", as_text(kalibr), cameras(WITH_FOUR)),
     "CamOdoCal": ("camera.yaml", as_text(camodocal), cameras(WITH_FOUR)),
     "RealSense": ("camera.json", as_text(realsense), cameras(WITH_FIVE)),
-    "ZED": ("SN1.conf", zed_file, cameras(WITHOUT_FOUR, HD)),
+    "ZED": ("SN1.conf", zed_file, cameras(OF_ZED, HD)),
     "ROS parameters": ("sensors.yaml", as_text(ros_parameters), cameras()),
 }
 

@@ -194,7 +194,7 @@ TARGET = {"name": "a", "distance_m": 1.0, "residual_m": 0.0, "noise_std_m": 0.0}
     ("change", "message"),
     [
         ({"schema": "other/1"}, "schema is 'other/1', expected 'calib.depth_scale/1'"),
-        ({"scale": 0}, "scale is 0.0: expected a positive number"),
+        ({"scale": 0}, "scale is 0.0: expected 0.0001 to 10000"),
         ({"scale": "1"}, "scale is '1': expected a finite number"),
         ({"offset_m": None}, "offset_m is None: expected a finite number"),
         ({"scale_std": -1.0}, "scale_std is -1.0: expected"),

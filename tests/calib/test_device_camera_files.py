@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from camera_files import assert_recognised, assert_refused
 
-from calib import PinholeCamera
+from calib import PinholeCamera, load_camera
 
 KALIBR = """\
 cam0:
@@ -373,3 +373,13 @@ def test_broken_and_contradictory_files_get_one_line(
     tmp_path: Path, text: str, name: str | None, message: str
 ) -> None:
     assert_refused(tmp_path, text, name, message)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-32", "cp1252", "latin-1"])
+def test_texts_of_windows_are_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "cam.txt"
+    path.write_bytes(f"# Kamera für Bäume\n{REALSENSE}".replace("\n", "\r\n").encode(encoding))
+    plain = tmp_path / "plain.txt"
+    plain.write_text(REALSENSE)
+    name = "Depth 848x480"
+    assert load_camera(path, name=name) == load_camera(plain, name=name)

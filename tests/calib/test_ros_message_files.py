@@ -154,8 +154,14 @@ def test_messages_in_json_are_chosen_by_their_key(tmp_path: Path) -> None:
     [
         (ros2(PLUMB_BOB, "brown"), "distortion_model is 'brown': expected plumb_bob, rational"),
         (ros2(PLUMB_BOB, "''"), "distortion_model is '': expected plumb_bob"),
-        (ros2(PLUMB_BOB, region=(640, 360)), "roi is 640x360 px: expected the whole image"),
-        (ros1(PLUMB_BOB).replace(str(K), str([0.0] * 9)), "K is all 0, ROS's mark of an uncali"),
+        (
+            ros2(PLUMB_BOB, region=(1281, 360)),
+            "the crop is 1281x360 px at (0, 0): expected one inside the camera's 1280x720",
+        ),
+        (
+            ros1(PLUMB_BOB).replace(str(K), str([0.0] * 9)).replace("P:", "Q:"),
+            "K is all 0, ROS's mark of an uncali",
+        ),
         (ros1(PLUMB_BOB).replace("height: 720\n", ""), "height is missing: expected a number"),
         (ros1(PLUMB_BOB).replace("D:", "d: [0]\nD:"), "d and D are both given"),
         (ros1(PLUMB_BOB).replace("D:", "E:"), "d or D is missing"),

@@ -133,3 +133,94 @@ def test_a_lens_of_no_clear_model_is_refused(
     assert str(caught.value).startswith(f"{path} (LEFT_CAM_HD): ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+PAIR = """
+[LEFT_CAM_HD]
+fx=700.8
+fy=700.6
+cx=652.1
+cy=371.4
+k1=-0.172
+k2=0.026
+[RIGHT_CAM_HD]
+fx=699.4
+fy=699.1
+cx=641.7
+cy=363.9
+k1=-0.174
+k2=0.027
+[STEREO]
+Baseline=119.96
+TY=0.11
+TZ_HD=-0.32
+CV_HD=0.0097
+RX_HD=-0.0031
+RZ_HD=0.0012
+"""
+
+
+def maps_of(camera: PinholeCamera, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where the rectified pixels of an eye of PAIR lie in its raw picture."""
+    matrices = [
+        np.array([[700.8, 0, 652.1], [0, 700.6, 371.4], [0, 0, 1]]),
+        np.array([[699.4, 0, 641.7], [0, 699.1, 363.9], [0, 0, 1]]),
+    ]
+    terms = [np.array([-0.172, 0.026, 0, 0]), np.array([-0.174, 0.027, 0, 0])]
+    rotation = cv2.Rodrigues(np.array([-0.0031, 0.0097, 0.0012]))[0]
+    translation = np.array([[119.96], [0.11], [-0.32]])
+    size = (1280, 720)
+    turned = cv2.stereoRectify(
+        matrices[0], terms[0], matrices[1], terms[1], size, rotation, translation
+    )[index]
+    own = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    return cv2.initUndistortRectifyMap(
+        matrices[index], terms[index], turned, own, size, cv2.CV_32FC1
+    )
+
+
+@pytest.mark.parametrize(("name", "index"), [("LEFT", 0), ("RIGHT", 1)])
+def test_the_rectified_pictures_of_a_pair_have_a_camera_of_their_own(
+    tmp_path: Path, name: str, index: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "SN1.conf"
+    path.write_text(PAIR)
+    camera = load_camera(path, name=f"{name}_CAM_HD_RECTIFIED")
+    assert camera.distortion == ()
+    assert camera.fx == camera.fy
+    assert "are computed from both eyes" in caplog.text
+    x, y = maps_of(camera, index)  # zoomed until every pixel is one of the raw picture, and no more
+    inside = (x.min() > -1, x.max() < 1280, y.min() > -1, y.max() < 720)
+    assert all(inside)
+    margins = (x.min(), 1279 - x.max(), y.min(), 719 - y.max())
+    assert min(margins) < 25
+
+
+def test_both_rectified_eyes_have_the_same_lens(tmp_path: Path) -> None:
+    path = tmp_path / "SN1.conf"
+    path.write_text(PAIR)
+    left, right = (load_camera(path, name=f"{eye}_CAM_HD_RECTIFIED") for eye in ("LEFT", "RIGHT"))
+    assert left == right
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (PAIR.replace("[RIGHT_CAM_HD]", "[RIGHT_CAM_VGA]"), "has no camera 'LEFT_CAM_HD_RECTIFI"),
+        (PAIR.replace("Baseline", "Line"), "has no camera 'LEFT_CAM_HD_RECTIFIED'"),
+        (PAIR.replace("=119.96", "=0"), "expected finite numbers, and a baseline"),
+        (PAIR.replace("=0.0097", "=nan"), "expected finite numbers, and a baseline"),
+        (PAIR.replace("=0.0097", "=wide"), "cv_hd is 'wide': expected a number"),
+        (PAIR.replace("k2=0.027", "k2=0.02\nk3=0.01\nk4=0.01"), "the eyes are fisheye lenses"),
+        (PAIR.replace("=0.0097", "=1.5"), "the eyes are turned by 85.9 degrees"),
+        (PAIR.replace("=0.11", "=1e300"), "expected finite numbers, and a baseline"),
+    ],
+)
+def test_a_pair_that_cannot_be_rectified_is_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "SN1.conf"
+    path.write_text(text)
+    with pytest.raises((CameraError, InputFileError)) as caught:
+        load_camera(path, name="LEFT_CAM_HD_RECTIFIED")
+    assert message in str(caught.value)

@@ -21,7 +21,7 @@ WRITERS = {
     "basetree/program/process.py",  # the null device
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
-    "edgetree/sinks/sink.py",  # lines as they come
+    "edgetree/sources/bags/opening.py",  # in a temporary folder
 }
 WRITES = (
     r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']"

@@ -15,14 +15,21 @@ PACKAGES = ("basetree", "calib", "edgetree", "fleet", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"ray", "fsspec", "s3fs"}
-HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
+HEAVY |= {"cryptography", "rosbags", "mcap", "mcap_protobuf", "av", "zstandard", "lz4"}
+HEAVY |= {"pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
 READS_BAGS = {
     "edgetree.sinks.bag",
     "edgetree.sinks.ros_messages",
     "edgetree.sinks.ros_types",
-    "edgetree.sources.bags.reader",
-    "edgetree.sources.bags.ros1_index",
+    "edgetree.sources.bags.bounded",
+    "edgetree.sources.bags.decoding",
+    "edgetree.sources.bags.mcap_file",
+    "edgetree.sources.bags.ros1_file",
+    "edgetree.sources.bags.video_packets",
 }
+BAG_PACKAGES = {"rosbags", "mcap", "mcap_protobuf", "zstandard", "lz4", "av"}
+# Modules that are imported when a file of their kind is opened, and need its package at once.
+FILE_KINDS = {"edgetree.sources.bags.mcap_file", "edgetree.sources.bags.ros1_file"}
 MAY_IMPORT = {
     "basetree": {"basetree", "numpy", "cv2", "typer", "msgspec", "ray", "fsspec"},
     "calib": {"calib", "basetree", "numpy", "cv2", "yaml"},
@@ -157,9 +164,11 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
         lazily |= {"paho"} if module == "edgetree.sinks.network" else set()
-        lazily |= {"rosbags"} if module in READS_BAGS else set()
+        lazily |= BAG_PACKAGES if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
-        if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
+        if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (
+            found.always and top in HEAVY and module not in FILE_KINDS
+        ):
             strangers.add((module, found.target))
     assert strangers == set()
 

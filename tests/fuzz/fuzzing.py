@@ -4,8 +4,11 @@
 
 Each case starts from a seed of one format: a small valid file, or a file of ``corpus``. A reader
 may return, or raise an error that is meant for the user. Anything else is a finding: another error,
-more than 5 s of processor time, or more than 1 GiB of memory. The file of a finding is written to
-``corpus``, whose files are read in every run. The formats are in ``formats``.
+more than 5 s of processor time, or more than 1 GiB of memory asked for, used or not. The file of a
+finding is written to ``corpus``, whose files are read in every run. The formats are in ``formats``.
+
+Memory is measured and not limited: a reader would take a refused request for a broken file.
+Requests that the system refuses are counted too, where numpy or OpenCV make them.
 """
 
 from __future__ import annotations
@@ -17,11 +20,15 @@ import random
 import resource
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
+import numpy as np
 from formats import FORMATS
 
 from basetree.errors import EdgetreeError, InputError
@@ -30,7 +37,9 @@ CORPUS = Path(__file__).with_name("corpus")
 _LONGEST_S, _LARGEST_BYTES = 5, 2**30
 _LONGEST_WAIT_S = 120  # for an answer, of a busy machine too
 _ALLOWED = (InputError, EdgetreeError, InputError)
-_STATM = Path("/proc/self/statm")
+_PAGE_BYTES = resource.getpagesize()
+_MOST_USED_BYTES = 2 * _LARGEST_BYTES  # a process that uses more is ended at once
+_SHORT_WAIT_S = 0.02
 _TOKENS = (
     *(b"0", b"-1", b"1e300", b"1e-300", b"nan", b"inf", b"9" * 400, b"0x" + b"f" * 30, b"null"),
     *(b"[", b"]", b"{", b"}", b"<a>", b"</a>", b"&a ", b"*a", b"<<: ", b"!!int ", b"!!float "),
@@ -94,18 +103,72 @@ def problem_of(name: str, data: bytes, folder: Path) -> str:
     return ""
 
 
+def _asked_bytes() -> int:
+    """The largest size that this process has had, with memory that it never used."""
+    with open("/proc/self/status", encoding="ascii") as status:
+        line = next(line for line in status if line.startswith("VmPeak"))
+    return int(line.split()[1]) * 1024
+
+
+def _size_bytes(process: str = "self", field: int = 0) -> int:
+    """The size of a process (field 0), or what of it is in memory (field 1)."""
+    with open(f"/proc/{process}/statm", encoding="ascii") as statm:
+        return int(statm.read().split()[field]) * _PAGE_BYTES
+
+
+def _note_refused_requests(refused: list[str]) -> None:
+    """Note the requests for memory that numpy and OpenCV are refused, whoever catches the error."""
+    kind = np._core._exceptions._ArrayMemoryError
+    begin = kind.__init__
+
+    def noted(error: MemoryError, shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> None:
+        refused.append(f"an array of {shape} {dtype}")
+        begin(error, shape, dtype)
+
+    def on_error(code: int, function: str, message: str, *_: object) -> None:
+        if code == cv2.Error.StsNoMem:
+            refused.append(message)
+
+    kind.__init__ = noted
+    cv2.redirectError(on_error)
+
+
 def _work(pipe: Connection) -> None:
-    """Read files until told to stop, with limited memory."""
+    """Read files until told to stop, and measure the memory that each asks for."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries print what they find wrong
-    in_use = int(_STATM.read_text("ascii").split()[0]) * resource.getpagesize()
-    largest = in_use + _LARGEST_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (largest, largest))
+    refused: list[str] = []
+    _note_refused_requests(refused)
     with tempfile.TemporaryDirectory() as folder:
         while (case := pipe.recv()) is not None:
             used_s = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
             allowed_s = used_s + _LONGEST_S + 1
             resource.setrlimit(resource.RLIMIT_CPU, (allowed_s, resource.RLIM_INFINITY))
-            pipe.send(problem_of(*case, Path(folder)))
+            size, largest = _size_bytes(), _asked_bytes()
+            problem = problem_of(*case, Path(folder))
+            asked = _asked_bytes()
+            if asked > largest and asked - size > _LARGEST_BYTES:
+                problem = f"memory: {(asked - size) >> 20} MiB asked for"
+            elif refused:
+                problem = f"memory: refused {refused[0]}"
+            pipe.send(problem)
+
+
+def _answer(pipe: Connection, worker: BaseProcess) -> str:
+    """Wait for a worker's answer; end one that uses too much memory or does not answer.
+
+    Raises:
+        EOFError: If it has ended.
+    """
+    largest = _size_bytes(str(worker.pid), 1) + _MOST_USED_BYTES
+    until = time.monotonic() + _LONGEST_WAIT_S
+    while not pipe.poll(_SHORT_WAIT_S):
+        if worker.is_alive() and _size_bytes(str(worker.pid), 1) > largest:
+            worker.kill()
+            return f"memory: more than {_MOST_USED_BYTES >> 20} MiB used"
+        if time.monotonic() > until:
+            worker.kill()
+            return f"no answer in {_LONGEST_WAIT_S} s"
+    return str(pipe.recv())
 
 
 def fuzz(count: int, seed: int = 0) -> list[Finding]:
@@ -125,15 +188,15 @@ def fuzz(count: int, seed: int = 0) -> list[Finding]:
             other.close()
         try:
             pipe.send((name, data))
-            if not pipe.poll(_LONGEST_WAIT_S):
-                worker.kill()
-            problem = pipe.recv()
+            problem = _answer(pipe, worker)
         except (EOFError, ConnectionError):
             worker.join()
             problem = f"the process ended with {worker.exitcode} (out of time or memory)"
-            worker = None
         if problem:
             findings.append(Finding(name, data, problem))
+            worker.kill()  # the largest size of a process is never forgotten
+            worker.join()
+            worker = None
     if worker is not None:
         pipe.send(None)
         worker.join()

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.boards import Board, BoardView, CharucoBoard, Checkerboard, CircleGrid
+from calib.boards import AprilGrid, Board, BoardView, CharucoBoard, Checkerboard, CircleGrid
 from calib.camera import PinholeCamera
 
 Float = NDArray[np.floating[Any]]
@@ -136,8 +136,12 @@ def printed(board: Board) -> tuple[Grey, float, float]:
         markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         size = (board.columns, board.rows)
         pattern = cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, markers)
+        pattern.setLegacyPattern(board.legacy)
         sheet = pattern.generateImage((board.columns * px, board.rows * px))
         return _margin(np.clip(sheet, dark, light), light), px / board.square_m, px
+    if isinstance(board, AprilGrid):
+        gap = round(board.spacing * 2 * px)
+        return _margin(april_sheet(board), light), 2 * px / board.tag_m, px + gap
     assert isinstance(board, CircleGrid)
     columns = 2 * board.columns if board.asymmetric else board.columns
     sheet = np.full(((board.rows + 1) * px, (columns + 1) * px), light, np.uint8)
@@ -147,6 +151,24 @@ def printed(board: Board) -> tuple[Grey, float, float]:
             middle = ((x + 1) * px * 16 - 8, (row + 1) * px * 16 - 8)
             cv2.circle(sheet, middle, int(0.25 * px * 16), dark, -1, cv2.LINE_AA, 4)
     return sheet, px / board.spacing_m, px
+
+
+def april_sheet(board: AprilGrid, border: int = 2, turns: int = 2, up: bool = True) -> Grey:
+    """Draw a grid as Kalibr does, with black squares between the corners of the tags."""
+    dark, light, side = 25, 230, 2 * _PX_PER_STEP
+    gap = round(board.spacing * side)
+    step = side + gap
+    sheet = np.full((board.rows * step + gap, board.columns * step + gap), light, np.uint8)
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for number in range(board.rows * board.columns):
+        row, column = divmod(number, board.columns)
+        x, y = gap + column * step, gap + (board.rows - 1 - row if up else row) * step
+        tag = cv2.aruco.generateImageMarker(tags, number, side, borderBits=border)
+        sheet[y : y + side, x : x + side] = np.clip(np.rot90(tag, turns), dark, light)
+    for y in range(0, sheet.shape[0], step):
+        for x in range(0, sheet.shape[1], step):
+            sheet[y : y + gap, x : x + gap] = dark
+    return sheet
 
 
 def _margin(sheet: Grey, light: int) -> Grey:

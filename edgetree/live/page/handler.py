@@ -13,18 +13,20 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Final
 
+from basetree.errors import short_line
 from edgetree.live.page.access import Refusal
 from edgetree.live.page.document import page_html, security_headers
 from edgetree.live.page.feed import Shown
 from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.page.pictures import blank_jpeg
-from edgetree.live.page.reading import body_length, read_body, read_head
+from edgetree.live.page.reading import body_length, has_body, read_body, read_head
 
 _LOGGER: Final = logging.getLogger(__name__)
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
 _INTERVAL_S: Final = 0.1  # between two results of a stream
 _BOUNDARY: Final = "edgetree-picture"
+_QUERY: Final = re.compile(r"\?[^\s]*")
 
 
 class PageHandler(BaseHTTPRequestHandler):
@@ -50,10 +52,16 @@ class PageHandler(BaseHTTPRequestHandler):
                 return
             self.rfile.close()
             self.rfile = io.BytesIO(head)
+            self._has_body = has_body(head)
             self.handle_one_request()
+            # What follows a request without a body is not read as another one.
+            self.close_connection |= bool(self.rfile.read(1))
 
     def do_GET(self) -> None:  # the name is that of the library
         """Answer a request."""
+        if self._has_body:
+            self.send_error(HTTPStatus.BAD_REQUEST, "expected GET without a body")
+            return
         path, _, query = self.path.partition("?")
         answers: dict[str, Callable[[], None]] = {
             "/": self._send_page,
@@ -85,7 +93,7 @@ class PageHandler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.CONFLICT, "recording is off: start edgetree with --record")
         elif (body := read_body(self.rfile, self.connection, length)) is not None:
             self.connection.settimeout(_SEND_S)
-            kept_s = recorder.mark(" ".join(body.decode("utf-8", "replace").split()))
+            kept_s = recorder.mark(" ".join(short_line(body.decode("utf-8", "replace")).split()))
             content = json.dumps({"kept_s": round(kept_s, 1)}).encode()
             self._start("application/json", {"Content-Length": str(len(content))})
             self.wfile.write(content)
@@ -113,6 +121,8 @@ class PageHandler(BaseHTTPRequestHandler):
         if not known:
             text = "open the page by the address with the token that edgetree printed"
             return Refusal(HTTPStatus.FORBIDDEN, text)
+        if not self.server.accept(self.connection):
+            return Refusal(HTTPStatus.SERVICE_UNAVAILABLE, self.server.full_text)
         return None
 
     @property
@@ -216,8 +226,9 @@ class PageHandler(BaseHTTPRequestHandler):
         return "edgetree"
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the library's name)
-        """Log quietly, without the query, which may hold the token."""
-        _LOGGER.debug("%s %s", self.client_address[0], format % args)
+        """Log quietly, without queries, which may hold the token."""
+        text = _QUERY.sub("?...", format % args)
+        _LOGGER.debug("%s %s", self.client_address[0], short_line(text))
 
 
 def _about(shown: Shown) -> dict[str, str]:

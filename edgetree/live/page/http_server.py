@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from enum import Enum, auto
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
@@ -18,10 +19,23 @@ from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 
 _LOGGER: Final = logging.getLogger(__name__)
+_MOST_NEW: Final = 32  # connections whose first request has not been accepted yet
+
+
+class _State(Enum):
+    """Of a connection."""
+
+    NEW = auto()
+    ACCEPTED = auto()
+    ENDING = auto()
 
 
 class PageHttpServer(ThreadingHTTPServer):
     """One thread for each connection, with limits.
+
+    Connections whose first request has not been accepted yet are counted apart: when there are too
+    many, the oldest of them is ended. So strangers who are slow, or do not know the token, cannot
+    keep out those who do.
 
     Attributes:
         access: Who may open the page.
@@ -31,7 +45,7 @@ class PageHttpServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    request_queue_size = 64
+    request_queue_size = 256
     # On Windows this would let two servers share a port.
     allow_reuse_address = os.name != "nt"
     allow_reuse_port = False
@@ -51,7 +65,8 @@ class PageHttpServer(ThreadingHTTPServer):
         self._max_clients = max_clients
         self._lock = threading.Lock()
         self._used: Counter[str] = Counter()
-        self._open: set[socket.socket] = set()
+        self._most_accepted = 4 * max_clients + 8
+        self._open: dict[socket.socket, _State] = {}  # in the order of their beginning
         super().__init__(where, handler)
 
     def server_bind(self) -> None:
@@ -76,9 +91,14 @@ class PageHttpServer(ThreadingHTTPServer):
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a thread, or not at all if far too many connections are open."""
         with self._lock:
-            full = len(self._open) >= 4 * self._max_clients + 8
+            new = [each for each, state in self._open.items() if state is _State.NEW]
+            full = len(self._open) >= self._most_accepted + 4 * _MOST_NEW
+            if len(new) >= _MOST_NEW:
+                self._open[new[0]] = _State.ENDING
+                with suppress(OSError):
+                    new[0].shutdown(socket.SHUT_RDWR)
             if not full:
-                self._open.add(request)
+                self._open[request] = _State.NEW
         if not full:
             super().process_request(request, client_address)
             return
@@ -89,10 +109,20 @@ class PageHttpServer(ThreadingHTTPServer):
             request.send(f"{head}Connection: close\r\n\r\n{text}".encode())
         self.shutdown_request(request)
 
+    def accept(self, request: Any) -> bool:
+        """Keep a connection, as its client may open the page; False if too many are kept."""
+        with self._lock:
+            others = (state for each, state in self._open.items() if each is not request)
+            if sum(state is _State.ACCEPTED for state in others) >= self._most_accepted:
+                return False
+            if self._open.get(request) is _State.NEW:
+                self._open[request] = _State.ACCEPTED
+            return True
+
     def shutdown_request(self, request: Any) -> None:
         """End a connection."""
         with self._lock:
-            self._open.discard(request)
+            self._open.pop(request, None)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:

@@ -15,6 +15,7 @@ from edgetree.live.page.access import Refusal
 _MAX_HEAD_BYTES: Final = 16_384
 _MAX_BODY_BYTES: Final = 1000
 _LONGEST_S: Final = 5.0
+_BODY_FIELD: Final = re.compile(rb"(?im)^\s*(?:transfer-encoding|content-length)\s*:(?!\s*0\s*$)")
 
 
 def read_head(connection: socket.socket) -> bytes | None:
@@ -32,6 +33,11 @@ def read_head(connection: socket.socket) -> bytes | None:
         if len(head) > _MAX_HEAD_BYTES:
             return None
     return head
+
+
+def has_body(head: bytes) -> bool:
+    """Whether the head of a request, however it is written, says that a body follows."""
+    return _BODY_FIELD.search(head.partition(b"\r\n\r\n")[0]) is not None
 
 
 def body_length(headers: Message) -> int | Refusal:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import time
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from basetree.files.regular import open_regular
 from calib import RigidTransform
 from edgetree.frames.rig import Rig
 from edgetree.live.recording.messages import RecordedMessage, RecordingMessages
 from edgetree.live.results import LiveResult
 from edgetree.measure import MeasureSettings
-from edgetree.sinks.bag import BagFolder
+from edgetree.sinks.bag import BagFolder, FolderTaken
 from edgetree.sinks.ros_types import time_ns
 
 RECORDING_SCHEMA: Final = "edgetree.recording/1"
@@ -23,7 +26,9 @@ _NS_PER_MESSAGE: Final = 1  # keeps the messages of a frame in order
 
 
 class RecordingFile:
-    """Writes frames into a folder that appears when it is complete.
+    """Writes frames into a folder that has its name when it is complete.
+
+    Until then, and if the process is killed, it is called `unfinished_NAME`.
 
     Args:
         folder: The recording, a new folder.
@@ -37,7 +42,7 @@ class RecordingFile:
         self.folder = folder
         self.frames = 0
         self._messages = messages
-        self._bag = BagFolder(folder, messages.store, compressed=True)
+        self._bag = BagFolder(folder, messages.store, compressed=True, syncs=True)
         self._log_ns = 0
 
     def add(self, result: LiveResult) -> None:
@@ -62,10 +67,10 @@ class RecordingFile:
         """
         try:
             self._write(self._messages.text("/edgetree/recording", record))
+            self._bag.close()
         except InputError:
             self.discard()
             raise
-        self._bag.close()
 
     def discard(self) -> None:
         """Remove what was written."""
@@ -76,13 +81,22 @@ class RecordingFile:
         self._log_ns += _NS_PER_MESSAGE
 
 
-def new_folder(parent: Path, kind: str) -> Path:
-    """The name of a new recording, such as `mark_20261123_101530_1`, in local time."""
+def new_recording(parent: Path, kind: str, messages: RecordingMessages) -> RecordingFile:
+    """Begin a recording, such as `mark_20261123_101530_1`, in local time, under a new name.
+
+    Args:
+        parent: Where to.
+        kind: The first word of its name.
+        messages: Makes the messages.
+
+    Raises:
+        InputError: The folder cannot be made.
+    """
     stem = f"{kind}_{time.strftime('%Y%m%d_%H%M%S')}"
-    number = 1
-    while (folder := parent / f"{stem}_{number}").exists():
-        number += 1
-    return folder
+    for number in itertools.count(1):
+        with suppress(FolderTaken):  # also by another process, in the same second
+            return RecordingFile(parent / f"{stem}_{number}", messages)
+    raise AssertionError("there are names enough")
 
 
 def run_record(
@@ -105,7 +119,7 @@ def run_record(
     Raises:
         OSError: The model file cannot be read.
     """
-    with model.open("rb") as stream:
+    with open_regular(model) as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return {
         "schema": RECORDING_SCHEMA,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import RigidTransform
-from calib.depth.files import in_metres
+from calib.depth.convention import in_metres
 from edgetree.live.results import LiveResult
 from edgetree.results.json_records import live_record
 from edgetree.sinks.ros_types import RosTypes, time_ns

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import EdgetreeError, InputError
-from edgetree.live.recording.file import RecordingFile, new_folder
+from edgetree.live.recording.file import RecordingFile, new_recording
 from edgetree.live.recording.messages import RecordingMessages
 from edgetree.live.recording.queue import FrameQueue, Window
 from edgetree.live.results import LiveResult
@@ -56,7 +56,8 @@ class FrameRecorder:
 
     A recording is a ROS 2 bag (MCAP) with the frames as they were measured and the results, which
     `open_live_source` reads back without loss. A thread writes it; if that fails, one line is
-    logged and nothing is left. Marks during a recording extend it. It is a sink of live results.
+    logged and nothing is left. Of a process that is killed, `unfinished_mark_...` is left, which is
+    read too. Marks during a recording extend it. It is a sink of live results.
 
     Args:
         folder: Where recordings are made, `mark_DATE_TIME_N` each; made if it does not exist.
@@ -149,7 +150,8 @@ class FrameRecorder:
 
     def _write(self, window: Window) -> None:
         """Write the frames of a window, in recordings of bounded length."""
-        file, began_s = None, 0.0
+        file: RecordingFile | None = None
+        began_s = 0.0
         try:
             while (kept := self._queue.next_frame(window)) is not None:
                 is_full = self._is_disk_full()
@@ -162,7 +164,7 @@ class FrameRecorder:
                         " other outputs may need"
                     )
                 if file is None:
-                    file = RecordingFile(new_folder(self._folder, self._kind), self._messages)
+                    file = new_recording(self._folder, self._kind, self._messages)
                     began_s = kept.at_s
                 file.add(kept.result)
             if file is not None:

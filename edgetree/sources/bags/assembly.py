@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,19 +14,24 @@ from numpy.typing import NDArray
 import calib
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
-from edgetree.frames.rig import DepthReading
+from edgetree.frames.rig import DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
 from edgetree.sources.bags.camera_info import CameraInfos
+from edgetree.sources.bags.depth_alignment import DepthAlignment, View
 from edgetree.sources.bags.exact import ExactValues
-from edgetree.sources.bags.messages import decode_picture, stamp_ns
+from edgetree.sources.bags.messages import PictureDecoder, frame_of, stamp_ns
 from edgetree.sources.bags.pairing import Pair, Picture
+from edgetree.sources.bags.realsense_sdk import is_static
+from edgetree.sources.bags.topic_words import is_rectified
 from edgetree.sources.bags.topics import Streams
-from edgetree.sources.bags.transforms import TransformTree, frame_name
+from edgetree.sources.bags.transforms import TransformTree
 from edgetree.sources.gravity import GravityFilter
 
 _log = logging.getLogger(__name__)
 
 _NS_PER_S: Final = 1_000_000_000
+UNREADABLE: Final = "unreadable images"
+BEFORE_KEY_FRAME: Final = "video packets before a key frame"
 _MAX_WAIT_NS: Final = 150_000_000  # for the IMU and transforms, which may come after the picture
 
 
@@ -35,14 +41,15 @@ class Assembly:
     Args:
         path: The recording.
         streams: Its topics.
-        depth_scale_m: Metres per unit of the depth; None for the default of its type.
+        rig: Unit, kind and correction of the depth, and the camera of a range that has none.
         counts: Where missing poses and unusable pictures are counted.
+
+    Attributes:
+        first_error: Why the first picture that cannot be decoded cannot; empty if there is none.
     """
 
-    def __init__(
-        self, path: Path, streams: Streams, depth_scale_m: float | None, counts: Counter[str]
-    ) -> None:
-        self._path, self._streams, self._scale_m = path, streams, depth_scale_m
+    def __init__(self, path: Path, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
+        self._path, self._streams, self._rig = path, streams, rig
         self._counts = counts
         self._said: set[str] = set()
         self._tree = TransformTree()
@@ -50,8 +57,15 @@ class Assembly:
         self._exact = ExactValues()
         self._imu_frame = ""
         self._fixed: str | None = None  # the frame of the poses, once it is known
+        self.first_error = ""
+        self._decoders: dict[str, PictureDecoder] = {
+            role: PictureDecoder(topic, role)
+            for role, topic in _roles(streams)
+            if topic is not None
+        }
+        self._alignment = DepthAlignment(str(streams.depth), self._tree, counts, self._say)
         self._cameras = {
-            topic: CameraInfos(is_rectified=_is_rectified(image))
+            topic: CameraInfos(is_rectified=is_rectified(image))
             for topic, image in (
                 (streams.depth_camera, streams.depth),
                 (streams.camera, streams.colour),
@@ -67,19 +81,25 @@ class Assembly:
             if infos.error is not None:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
-            self._tree.add(message, is_static=topic.endswith("static"))
+            self._tree.add(message, is_static=is_static(topic))
             if self._tree.unusable:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.exact:
             self._add_exact(str(message.data))
         elif topic == self._streams.imu:
             turn, push = message.angular_velocity, message.linear_acceleration
-            self._imu_frame = frame_name(message.header.frame_id)
+            self._imu_frame = frame_of(message)
             self._gravity.add(
                 stamp_ns(message) / _NS_PER_S,
                 np.array([push.x, push.y, push.z], np.float64),
                 np.array([turn.x, turn.y, turn.z], np.float64),
             )
+            if self._gravity.unusable:
+                self._counts["IMU samples out of range"] = self._gravity.unusable
+
+    def arrived(self, role: str, message: Any) -> None:
+        """Take note of a picture in the order of recording, whether or not it will be used."""
+        self._decoders[role].arrived(message)
 
     def _add_exact(self, text: str) -> None:
         try:
@@ -94,8 +114,7 @@ class Assembly:
             return True
         picture = pair.leading
         has_imu = self._streams.imu is None or self._gravity.newest_s >= picture.stamp / _NS_PER_S
-        frame = frame_name(picture.message.header.frame_id)
-        return has_imu and self._tree.is_complete(frame, picture.stamp)
+        return has_imu and self._tree.is_complete(_frame(picture), picture.stamp)
 
     def frame(self, number: int, time_s: float, pair: Pair) -> Frame | None:
         """Decode a pair; None if a picture cannot be decoded.
@@ -107,19 +126,11 @@ class Assembly:
             image = self._decoded(pair.colour, "colour")
             depth = self._decoded(pair.depth, "depth")
         except InputError as error:
-            self._counts["unreadable images"] += 1
+            self.first_error = self.first_error or str(error)
             self._say(str(error))
             return None
         picture = pair.leading
-        height, width = (depth if image is None else image).shape[:2]  # type: ignore[union-attr]
-        own = "camera" if pair.colour is not None else "depth_camera"
-        camera = self._camera(own, width, height)
-        reading = None
-        if depth is not None:
-            reading = metres_from_array(depth, self._scale_m, f"depth of {self._streams.depth}")
-            if pair.colour is not None and pair.depth is not None:
-                camera = camera or self._shared_camera(pair, width, height)
-                reading = self._aligned(reading, pair.colour, pair.depth, (width, height), camera)
+        camera, reading = self._measured(pair, image, depth)
         frame = Frame(
             f"{self._path.stem}_{number:06d}",
             self._path,
@@ -134,64 +145,84 @@ class Assembly:
         )
         return self._exact.applied(frame, picture.stamp)
 
+    def _measured(
+        self, pair: Pair, image: NDArray[Any] | None, depth: NDArray[Any] | None
+    ) -> tuple[calib.PinholeCamera | None, DepthReading | None]:
+        """The camera of the frame, and its depth in metres and in the pixels of that camera."""
+        colour, own = self._view(pair.colour, image), self._view(pair.depth, depth)
+        if colour is not None and own is not None and colour.camera is None:
+            colour = self._with_shared_camera(colour, own)
+        leading = colour or own
+        if leading is not None and leading.camera is None:
+            width, height = leading.size_px
+            self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
+        reading = None
+        if depth is not None:
+            camera = self._camera_of_range(own, colour)
+            name = f"depth of {self._streams.depth}"
+            reading = metres_from_array(depth, self._rig.depth_convention, name, camera)
+            if colour is not None and own is not None and pair.depth is not None:
+                reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp)
+        return None if leading is None else leading.camera, reading
+
+    def _camera_of_range(self, own: View | None, colour: View | None) -> calib.PinholeCamera | None:
+        """The camera of a range image: its own, or that of the colour, or that of the rig."""
+        if own is None or self._rig.depth_kind == "depth":
+            return None
+        shared = colour.camera if colour is not None and colour.size_px == own.size_px else None
+        return own.camera or shared or self._rig.camera_for(*own.size_px)
+
+    def _view(self, picture: Picture | None, values: NDArray[Any] | None) -> View | None:
+        if picture is None or values is None:
+            return None
+        size_px = (values.shape[1], values.shape[0])
+        role = "camera" if values.ndim == 3 else "depth_camera"
+        return View(_frame(picture), size_px, self._camera(role, size_px))
+
     def _decoded(
         self, picture: Picture | None, role: Literal["colour", "depth"]
     ) -> NDArray[Any] | None:
         if picture is None:
             return None
-        topic = str(getattr(self._streams, role))
-        values = decode_picture(picture.message, topic)
-        is_colour = values.ndim == 3
-        if is_colour != (role == "colour"):
-            found = "colour" if is_colour else "depth"
-            raise InputError(f"an image of topic {topic} is {found}: expected {role}")
+        decoder = self._decoders[role]
+        try:
+            values = decoder.decode(picture.message)
+        except InputError:
+            is_early = decoder.is_before_key_frame
+            self._counts[BEFORE_KEY_FRAME if is_early else UNREADABLE] += 1
+            raise
+        if decoder.remark:
+            self._say(decoder.remark)
         return values
 
-    def _camera(self, role: str, width: int, height: int) -> calib.PinholeCamera | None:
-        infos = self._cameras.get(getattr(self._streams, role) or "")
-        camera = infos.camera(width, height) if infos is not None else None
-        if camera is None:
-            self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
+    def _camera(self, role: str, size_px: tuple[int, int]) -> calib.PinholeCamera | None:
+        topic = getattr(self._streams, role) or ""
+        infos = self._cameras.get(topic)
+        if infos is None:
+            return None
+        camera = infos.camera(*size_px)
+        if infos.error is not None:
+            self._say(f"topic {topic}: {infos.error}")
+        if camera is not None and infos.size_from_pictures:
+            self._say(
+                f"topic {topic} states no size: it is taken to be that of the pictures,"
+                f" {size_px[0]}x{size_px[1]} px"
+            )
+        is_own = role == "camera" or topic != self._streams.camera
+        if camera is not None and infos.choice is not None and is_own:
+            image = self._streams.colour if role == "camera" else self._streams.depth
+            self._say(f"topic {image} is {infos.choice}")
         return camera
 
-    def _shared_camera(self, pair: Pair, width: int, height: int) -> calib.PinholeCamera | None:
-        """The depth's camera, if it is the colour camera too."""
-        same = _frame(pair.colour) == _frame(pair.depth)
-        return self._camera("depth_camera", width, height) if same else None
-
-    def _aligned(
-        self,
-        reading: DepthReading,
-        colour: Picture,
-        depth: Picture,
-        size_px: tuple[int, int],
-        camera: calib.PinholeCamera | None,
-    ) -> DepthReading:
-        """The depth in the pixels of the colour image."""
-        height, width = reading.depth_m.shape
-        source, target = _frame(depth), _frame(colour)
-        topic = str(self._streams.depth)
-        is_named_so = "aligned" in topic or "registered" in topic
-        if (width, height) == size_px and (source == target or is_named_so):
-            return reading
-        transform = (
-            calib.RigidTransform.identity()
-            if source == target
-            else self._tree.lookup(source, target, depth.stamp)
+    def _with_shared_camera(self, colour: View, depth: View) -> View:
+        """The view of the colour with the depth's camera, if that is the colour camera too."""
+        if depth.camera is None or (colour.frame, colour.size_px) != (depth.frame, depth.size_px):
+            return colour
+        self._say(
+            f"{self._streams.colour} has no camera: that of {self._streams.depth} is taken, in the"
+            f" same frame {depth.frame!r}"
         )
-        depth_camera = self._camera("depth_camera", width, height)
-        if transform is None or depth_camera is None or camera is None:
-            lacking = "tf has no transform between them" if transform is None else "a camera lacks"
-            fault = (
-                f"depth of {topic} is {width}x{height} px in frame {source!r} and colour"
-                f" {size_px[0]}x{size_px[1]} px in frame {target!r}, and {lacking}: expected"
-                " aligned depth"
-            )
-            self._say(fault)
-            self._counts["depth not aligned"] += 1
-            return DepthReading(np.zeros(size_px[::-1], np.float32), fault)
-        depth_m = calib.register_depth(reading.depth_m, depth_camera, camera, transform)
-        return DepthReading(depth_m, reading.fault)
+        return replace(colour, camera=depth.camera)
 
     def _up(self, picture: Picture) -> NDArray[np.float64] | None:
         up = self._gravity.up(picture.stamp / _NS_PER_S)
@@ -231,10 +262,9 @@ class Assembly:
             _log.warning("recording %s: %s", self._path, line)
 
 
-def _is_rectified(topic: str) -> bool:
-    """Whether a topic is named as ROS names rectified images, such as image_rect_color."""
-    return any("rect" in part.split("_") for part in topic.split("/"))
+def _roles(streams: Streams) -> tuple[tuple[Literal["colour", "depth"], str | None], ...]:
+    return ("colour", streams.colour), ("depth", streams.depth)
 
 
 def _frame(picture: Picture | None) -> str:
-    return "" if picture is None else frame_name(picture.message.header.frame_id)
+    return "" if picture is None else frame_of(picture.message)

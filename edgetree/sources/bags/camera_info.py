@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final
 
 import calib
 from calib.files import ros
 
-_MATRIX: Final = 9
+_NO_SIZE: Final = (0, 0)
 
 
-def camera_of_message(message: Any, *, is_rectified: bool = False) -> calib.PinholeCamera:
+def camera_of_message(
+    message: Any, *, is_rectified: bool = False, size_px: tuple[int, int] = _NO_SIZE
+) -> calib.PinholeCamera:
     """The camera that a CameraInfo message describes.
 
     Args:
         message: a CameraInfo message of ROS 1 or ROS 2.
         is_rectified: Whether the images are rectified. Their camera is in the matrix P, without
             distortion.
+        size_px: Width and height of the pictures, for a message that states none.
 
     Raises:
         CameraError: The message is of an uncalibrated camera or of a lens that is not supported.
@@ -26,6 +30,8 @@ def camera_of_message(message: Any, *, is_rectified: bool = False) -> calib.Pinh
     if is_rectified and any(values["p"]):
         fx, _, cx, _, _, fy, cy, *_ = values["p"]
         values |= {"k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], "d": [], "distortion_model": ""}
+    if (values["width"], values["height"]) == _NO_SIZE:
+        values |= {"width": size_px[0], "height": size_px[1]}
     return ros.build_message(values)
 
 
@@ -33,16 +39,51 @@ def _values(message: Any) -> dict[str, Any]:
     """The fields that make the camera; ROS 1 writes the matrices in capitals."""
     matrices = {
         name: [float(value) for value in getattr(message, name, getattr(message, name.upper(), ()))]
-        for name in ("k", "d", "p")
+        for name in ("k", "d", "r", "p")
     }
-    roi = message.roi
     return {
         "width": int(message.width),
         "height": int(message.height),
         "distortion_model": str(message.distortion_model),
-        "roi": {"width": int(roi.width), "height": int(roi.height)},
+        "binning_x": int(message.binning_x),
+        "binning_y": int(message.binning_y),
+        "roi": {name: int(getattr(message.roi, name)) for name in _REGION},
         **matrices,
     }
+
+
+_REGION: Final = ("x_offset", "y_offset", "width", "height", "do_rectify")
+
+
+def may_fit(message: Any, size_px: tuple[int, int] | None) -> bool:
+    """Whether a CameraInfo message may be of pictures of a size, which is None if not known."""
+    stated = (int(message.width), int(message.height))
+    is_part = any((message.roi.width, message.roi.height, message.binning_x, message.binning_y))
+    return size_px in (None, stated) or stated == _NO_SIZE or bool(is_part)
+
+
+def same_lens(first: Any, second: Any) -> bool:
+    """Whether two CameraInfo messages state the same."""
+    return _values(first) == _values(second)
+
+
+@dataclass(frozen=True)
+class LensChoice:
+    """Which lens of a message with distortion was taken.
+
+    Attributes:
+        is_rectified: Whether it is that of the rectified pictures.
+        camera: What was taken.
+    """
+
+    is_rectified: bool
+    camera: calib.PinholeCamera
+
+    def __str__(self) -> str:
+        focal = f"focal length {self.camera.fx:.1f} px"
+        if self.is_rectified:
+            return f"called rectified: its lens is P of CameraInfo, {focal}, without distortion"
+        return f"not called rectified: its lens is K and D of CameraInfo, {focal}, with distortion"
 
 
 class CameraInfos:
@@ -50,13 +91,25 @@ class CameraInfos:
 
     Args:
         is_rectified: Whether the images are rectified.
+
+    Attributes:
+        error: Why the last message that differs from the one before cannot be used; None if it can.
+        choice: Which lens was taken, if the message has a lens with distortion.
+        size_from_pictures: Whether a message states no size, so that it is that of the pictures.
     """
 
     def __init__(self, *, is_rectified: bool = False) -> None:
         self._is_rectified = is_rectified
         self._key: str | None = None
         self._cameras: dict[tuple[int, int], calib.PinholeCamera] = {}
+        self._without_size: Any = None
         self.error: str | None = None
+        self.choice: LensChoice | None = None
+
+    @property
+    def size_from_pictures(self) -> bool:
+        """Whether the newest message states no size."""
+        return self._without_size is not None
 
     def add(self, message: Any) -> None:
         """Take a message. A camera that cannot be used leaves its reason in `error`."""
@@ -64,18 +117,37 @@ class CameraInfos:
         if key == self._key:
             return
         self._key = key
+        self._without_size = None
+        if (message.width, message.height) == _NO_SIZE:
+            self._without_size = message
+            self._cameras.clear()
+            return
+        camera = self._build(message)
+        if camera is not None:
+            self._cameras.pop((camera.width, camera.height), None)
+            self._cameras[camera.width, camera.height] = camera  # the newest is the last
+
+    def _build(
+        self, message: Any, size_px: tuple[int, int] = _NO_SIZE
+    ) -> calib.PinholeCamera | None:
         try:
-            camera = camera_of_message(message, is_rectified=self._is_rectified)
+            camera = camera_of_message(message, is_rectified=self._is_rectified, size_px=size_px)
         except calib.CameraError as error:
             self.error = str(error)
-            return
-        self._cameras.pop((camera.width, camera.height), None)
-        self._cameras[camera.width, camera.height] = camera  # the newest is the last
+            return None
+        if any(_values(message)["d"]):
+            self.choice = LensChoice(self._is_rectified and not camera.distortion, camera)
+        return camera
 
     def camera(self, width: int, height: int) -> calib.PinholeCamera | None:
         """The camera for images of this size, scaled if needed; None if none fits."""
         if (width, height) in self._cameras:
             return self._cameras[width, height]
+        if self._without_size is not None:
+            camera = self._build(self._without_size, (width, height))
+            if camera is not None:
+                self._cameras[width, height] = camera
+            return camera
         for camera in reversed(self._cameras.values()):
             with suppress(calib.CameraError):
                 return camera.scaled(width, height)

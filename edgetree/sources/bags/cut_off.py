@@ -1,51 +1,69 @@
-"""Recordings whose end is missing, as after a power failure.
+"""ROS 1 bags whose end is missing, as after a power failure.
 
-The end of an MCAP file and of a ROS 1 bag holds an index. The complete records before it are read.
-The formats are described at https://mcap.dev/spec and https://wiki.ros.org/Bags/Format/2.0.
+The end of a bag holds an index. The complete records before it are read.
 """
 
 from __future__ import annotations
 
 import io
-import struct
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import NamedTuple
 
-from edgetree.sources.bags.ros1_index import ROS1_MAGIC, missing_index
-
-_MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
-_HEAD_BYTES: Final = 9  # of a record: its kind and the length of its content
-# What ends the records: zeros of a file that was not written to its end, a footer, or its data.
-_END_KINDS: Final = (0x00, 0x02, 0x0F)
-# A footer that states that there is no index.
-_FOOTER: Final = b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + _MCAP_MAGIC
+from basetree.files.regular import open_regular
+from edgetree.sources.bags.bounded import BoundedFile, open_bounded
+from edgetree.sources.bags.ros1_index import missing_index
 
 
-class _CutOffFile:
-    """A file with another beginning and another end, in the form of a `Path`."""
+class BagPath(NamedTuple):
+    """A bag in the form of a `Path`, for rosbags: a file with another beginning and another end.
 
-    def __init__(self, path: Path, head: bytes, length: int, tail: bytes) -> None:
-        self._path, self._parts = path, (head, length, tail)
-        self.suffix = path.suffix
+    Attributes:
+        path: The file.
+        head: Its first bytes.
+        length: How many bytes of the file are used.
+        tail: What follows them: the index.
+        is_cut_off: Whether the file's own index is missing.
+    """
+
+    path: Path
+    head: bytes
+    length: int
+    tail: bytes
+    is_cut_off: bool
+
+    @classmethod
+    def of(cls, path: Path) -> BagPath:
+        """A bag as it is, or with the index that it lacks."""
+        with open_bounded(path) as file:
+            index = missing_index(file, file.size)
+            if index is None:
+                return cls(path, b"", file.size, b"", False)
+            return cls(path, index.head, index.length, index.tail, True)
+
+    @property
+    def size(self) -> int:
+        """Its length in bytes."""
+        return self.length + len(self.tail)
 
     def __str__(self) -> str:
-        return str(self._path)
+        return str(self.path)
 
     def exists(self) -> bool:
+        """Whether it exists, as rosbags asks."""
         return True
 
-    def is_dir(self) -> bool:
-        return False
-
-    def open(self, mode: str = "rb") -> BinaryIO:
-        return io.BufferedReader(_Joined(self._path, *self._parts))
+    def open(self, mode: str = "rb") -> BoundedFile:
+        """Open it for reading."""
+        if not self.is_cut_off:
+            return open_bounded(self.path)
+        return BoundedFile(_Joined(self.path, self.head, self.length, self.tail))
 
 
 class _Joined(io.RawIOBase):
     """The first bytes of a file, the beginning replaced by `head`, followed by `tail`."""
 
     def __init__(self, path: Path, head: bytes, length: int, tail: bytes) -> None:
-        self._file = path.open("rb")
+        self._file = open_regular(path)
         self._head, self._length, self._tail = head, length, tail
         self._position = 0
 
@@ -80,31 +98,3 @@ class _Joined(io.RawIOBase):
     def close(self) -> None:
         self._file.close()
         super().close()
-
-
-def readable_file(path: Path) -> Any:
-    """A file for rosbags' readers: the path, or what can be read of a file without its end."""
-    with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        file.seek(0)
-        start = file.read(len(ROS1_MAGIC))
-        if path.suffix == ".mcap" and start.startswith(_MCAP_MAGIC):
-            file.seek(max(0, size - len(_MCAP_MAGIC)))
-            has_end = size > len(_MCAP_MAGIC) and file.read() == _MCAP_MAGIC
-            return path if has_end else _CutOffFile(path, b"", _end_of_mcap(file, size), _FOOTER)
-        if path.suffix == ".bag" and start == ROS1_MAGIC:
-            index = missing_index(file, size)
-            return path if index is None else _CutOffFile(path, *index)
-    return path
-
-
-def _end_of_mcap(file: BinaryIO, size: int) -> int:
-    """Position after the last complete record."""
-    position = len(_MCAP_MAGIC)
-    while position + _HEAD_BYTES <= size:
-        file.seek(position)
-        kind, length = struct.unpack("<BQ", file.read(_HEAD_BYTES))
-        if kind in _END_KINDS or position + _HEAD_BYTES + length > size:
-            break
-        position += _HEAD_BYTES + length
-    return position

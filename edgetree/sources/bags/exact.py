@@ -65,9 +65,11 @@ class ExactValues:
             values = json.loads(text)
             if values["schema"] != _SCHEMA:
                 raise ValueError(f"its schema is {values['schema']!r}")
-            camera = values["camera"] and PinholeCamera.from_dict(values["camera"])
-            up_camera = values["up_camera"] and _unit(values["up_camera"])
-            stamp = int(values["stamp_ns"])
+            camera = None if values["camera"] is None else _camera(values["camera"])
+            up_camera = None if values["up_camera"] is None else _unit(values["up_camera"])
+            stamp = values["stamp_ns"]
+            if not isinstance(stamp, int):
+                raise ValueError(f"its stamp_ns is {stamp!r}, expected a whole number")
         except (
             ValueError,
             TypeError,
@@ -79,7 +81,7 @@ class ExactValues:
             raise InputError(
                 f"a message of {EXACT_TOPIC} cannot be used ({error}): expected {_SCHEMA}"
             ) from error
-        self._waiting[stamp] = _Exact(camera or None, up_camera)
+        self._waiting[stamp] = _Exact(camera, up_camera)
         if len(self._waiting) > _MAX_WAITING:
             self._waiting.popitem(last=False)
 
@@ -98,6 +100,12 @@ class ExactValues:
         if camera is not None and (camera.height, camera.width) != pixels.shape[:2]:
             return frame
         return replace(frame, camera=camera, up_camera=exact.up_camera)
+
+
+def _camera(values: Any) -> PinholeCamera:
+    if not isinstance(values, dict):
+        raise ValueError(f"its camera is {type(values).__name__}, expected an object")
+    return PinholeCamera.from_dict(values)
 
 
 def _unit(values: Any) -> NDArray[np.float64]:

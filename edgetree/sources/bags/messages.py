@@ -1,46 +1,51 @@
-"""Arrays from ROS messages: Image, CompressedImage and compressedDepth."""
+"""Arrays from ROS messages: Image, CompressedImage, compressedDepth and packets of video."""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from basetree.files.limits import current_limits
-from basetree.files.picture_size import picture_size
 from basetree.files.reading import decode_image
+from edgetree.sources.bags.encodings import (
+    COLOUR_NAMES,
+    DEPTH_NAMES,
+    GREY_NAMES,
+    ColourPixels,
+    colour_names,
+    decode_depth_pixels,
+    depth_names,
+    plain_name,
+)
+from edgetree.sources.bags.rvl import decode_rvl
+from edgetree.sources.bags.topic_words import depth_by_name
+from edgetree.sources.bags.video_packets import (
+    FFMPEG_TYPE,
+    FOXGLOVE_TYPE,
+    VideoDecoder,
+    codec_of,
+)
 
-IMAGE_TYPES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+IMAGE_TYPES: Final = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    FFMPEG_TYPE,
+    FOXGLOVE_TYPE,
+)
+TRANSPORTS: Final = ("/compressed", "/compressedDepth", "/ffmpeg", "/foxglove")
 
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
+_PNG_OF_16_BITS: Final = bytes((16, 0))  # bits and kind of colour, grey, at this place
+_PNG_KIND: Final = slice(24, 26)
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, and two parameters of the inverse depth
-# Encodings of sensor_msgs/image_encodings: type, channels, and OpenCV's conversion to BGR.
-# OpenCV names a Bayer pattern by the second and third pixel of its second row.
-_COLOUR: Final[dict[str, tuple[int, int | None]]] = {
-    "bgr8": (3, None),
-    "8UC3": (3, None),
-    "rgb8": (3, cv2.COLOR_RGB2BGR),
-    "bgra8": (4, cv2.COLOR_BGRA2BGR),
-    "8UC4": (4, cv2.COLOR_BGRA2BGR),
-    "rgba8": (4, cv2.COLOR_RGBA2BGR),
-    "uyvy": (2, cv2.COLOR_YUV2BGR_UYVY),
-    "yuv422": (2, cv2.COLOR_YUV2BGR_UYVY),
-    "yuyv": (2, cv2.COLOR_YUV2BGR_YUYV),
-    "yuv422_yuy2": (2, cv2.COLOR_YUV2BGR_YUYV),
-    "bayer_rggb8": (1, cv2.COLOR_BAYER_BG2BGR),
-    "bayer_bggr8": (1, cv2.COLOR_BAYER_RG2BGR),
-    "bayer_gbrg8": (1, cv2.COLOR_BAYER_GR2BGR),
-    "bayer_grbg8": (1, cv2.COLOR_BAYER_GB2BGR),
-    "mono8": (1, cv2.COLOR_GRAY2BGR),
-    "8UC1": (1, cv2.COLOR_GRAY2BGR),
-}
-_GREY: Final = ("mono8", "8UC1")
-_DEPTH: Final = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
+_RTABMAP: Final = b"DRVL"
+_UNSURE: Final = ("mono16", "y16", "gray16")  # a picture, unless a name tells depth
 
 
 @dataclass(frozen=True)
@@ -50,126 +55,203 @@ class PictureKind:
     Attributes:
         role: "colour", "grey", "depth" or "other".
         encoding: The encoding or format, for messages.
+        reason: Why it is "other", for messages.
     """
 
     role: str
     encoding: str
+    reason: str = ""
 
 
 def stamp_ns(message: Any) -> int:
-    """The time stamp of a message's header, ns; 0 if its driver does not set it."""
-    stamp = message.header.stamp
+    """The time stamp of a message, ns; 0 if its driver does not set it."""
+    stamp = message.header.stamp if hasattr(message, "header") else message.timestamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def kind_of_picture(message: Any, topic: str) -> PictureKind:
-    """Tell colour from depth by the encoding, and by the topic's name where that is not enough.
+def frame_of(message: Any) -> str:
+    """The frame of a message, without the slash that ROS 1 put before it."""
+    frame = message.header.frame_id if hasattr(message, "header") else message.frame_id
+    return str(frame).lstrip("/")
+
+
+def kind_of_picture(message: Any, topic: str, frames: Sequence[str] = ()) -> PictureKind:
+    """Tell colour from depth by the encoding, and by names where that is not enough.
 
     Args:
-        message: The first Image or CompressedImage of a topic.
+        message: The first message of a topic of `IMAGE_TYPES`.
         topic: The topic's name.
+        frames: Frames of the pictures and of their camera.
     """
-    is_named_depth = "depth" in topic.lower()
+    encoding = _encoding(message)
+    if _codec(message) is not None:
+        return PictureKind("colour", encoding)
+    if _is_packet(message):
+        return PictureKind("other", encoding, "its code is not read, expected h264 or h265")
+    name = _single_channel(message)
+    told, word = depth_by_name((without_transport(topic), *frames))
+    if name in DEPTH_NAMES:
+        ask = f": expected --topic depth={topic} if it is"
+        if told == "depth" or name == "z16" or (not told and _is_compressed_depth(message)):
+            return PictureKind("depth", encoding)
+        if told == "other":
+            return PictureKind("other", encoding, f"{word!r} in its name is no depth{ask}")
+        if name in _UNSURE:
+            return PictureKind("grey", encoding)
+        reason = f"nothing in its name or frame tells whether it is depth{ask}"
+        return PictureKind("other", encoding, reason)
     if not hasattr(message, "encoding"):
-        form = str(message.format)
-        is_16_bits = form.startswith(tuple(_DEPTH))
-        is_depth = "compressedDepth" in form or topic.endswith("/compressedDepth") or is_16_bits
-        return PictureKind("depth" if is_depth else "colour", form)
-    encoding = str(message.encoding)
-    if encoding in _DEPTH:
-        is_depth = is_named_depth or encoding == "16UC1"
-        return PictureKind("depth" if is_depth else "other", encoding)
-    if encoding not in _COLOUR:
-        return PictureKind("other", encoding)
-    return PictureKind("grey" if encoding in _GREY else "colour", encoding)
+        return PictureKind("colour", encoding)
+    name = plain_name(encoding)
+    if name in COLOUR_NAMES:
+        return PictureKind("colour", encoding)
+    if name in GREY_NAMES:
+        return PictureKind("grey", encoding)
+    names = depth_names() if told == "depth" else colour_names()
+    return PictureKind("other", encoding, f"its encoding is not read, expected {names}")
 
 
-def decode_picture(message: Any, topic: str) -> NDArray[Any]:
-    """Decode an Image or CompressedImage.
+def _encoding(message: Any) -> str:
+    return str(message.encoding if hasattr(message, "encoding") else message.format)
+
+
+def _is_packet(message: Any) -> bool:
+    """Whether a message is of a type for video alone."""
+    return hasattr(message, "timestamp") or hasattr(message, "pts")
+
+
+def _codec(message: Any) -> str | None:
+    """The code of a packet of video; None for pictures of their own."""
+    return None if hasattr(message, "step") else codec_of(_encoding(message))
+
+
+def _is_compressed_depth(message: Any) -> bool:
+    return not hasattr(message, "encoding") and "compresseddepth" in str(message.format).lower()
+
+
+def _single_channel(message: Any) -> str:
+    """The encoding of a picture of one channel and more than 8 bits; "" of other pictures."""
+    encoding = _encoding(message)
+    if hasattr(message, "encoding"):
+        return plain_name(encoding) if plain_name(encoding) in DEPTH_NAMES else ""
+    name = plain_name(encoding.partition(";")[0])
+    if name in DEPTH_NAMES:
+        return name
+    data = message.data
+    is_deep_png = data[:8].tobytes() == _PNG and data[_PNG_KIND].tobytes() == _PNG_OF_16_BITS
+    is_code = "rvl" in encoding.lower()
+    return "16uc1" if _is_compressed_depth(message) or is_deep_png or is_code else ""
+
+
+def without_transport(topic: str) -> str:
+    """The name of a topic without that of its transport."""
+    for transport in TRANSPORTS:
+        topic = topic.removesuffix(transport)
+    return topic
+
+
+class PictureDecoder:
+    """Decodes the pictures of one topic.
 
     Args:
-        message: The message.
-        topic: Its topic, for messages.
+        topic: The topic's name, for messages.
+        role: What it is read as.
 
-    Returns:
-        (H, W, 3) uint8 BGR for colour, or (H, W) uint16 or float32 for depth, in its own unit.
-
-    Raises:
-        InputError: The message cannot be decoded.
     """
-    try:
-        picture = _decode_raw(message) if hasattr(message, "encoding") else _decode_packed(message)
-    except (ValueError, cv2.error, struct.error) as error:
-        raise InputError(f"an image of topic {topic} cannot be decoded: {error}") from error
-    if picture is None:
-        raise InputError(
-            f"an image of topic {topic} cannot be decoded ({len(message.data)} bytes,"
-            f" {message.format!r}): expected a complete JPEG or PNG"
-        )
-    return picture
+
+    def __init__(self, topic: str, role: Literal["colour", "depth"]) -> None:
+        self._topic, self._role = topic, role
+        self._pixels = ColourPixels()
+        self._video: VideoDecoder | None = None
+
+    @property
+    def is_before_key_frame(self) -> bool:
+        """Whether packets of video have come, and no key frame yet."""
+        return self._video is not None and not self._video.has_started
+
+    @property
+    def remark(self) -> str:
+        """What was assumed; empty if nothing."""
+        bits = self._pixels.bits
+        return f"topic {self._topic}: values of 16 bits are read as of {bits} bits" if bits else ""
+
+    def arrived(self, message: Any) -> None:
+        """Take note of a picture in the order of recording, before it is decoded or left out.
+
+        Raises:
+            MissingPackage: It is a packet of video, and PyAV is not installed.
+        """
+        codec = _codec(message)
+        if codec is not None:
+            self._video = self._video or VideoDecoder(codec)
+            self._video.add(message)
+
+    def decode(self, message: Any) -> NDArray[Any]:
+        """Decode a picture that has arrived.
+
+        Returns:
+            (H, W, 3) uint8 BGR for colour, or (H, W) depth of uint16 or floating point, in its own
+            unit.
+
+        Raises:
+            InputError: The message cannot be decoded.
+        """
+        try:
+            if self._video is not None and _codec(message) is not None:
+                picture: NDArray[Any] | None = self._video.decode(message)
+            elif not hasattr(message, "encoding"):
+                picture = _decode_packed(message, is_depth=self._role == "depth")
+            elif self._role == "depth":
+                picture = decode_depth_pixels(message)
+            else:
+                picture = self._pixels.decode(message)
+        except (ValueError, InputError, cv2.error, struct.error) as error:
+            raise InputError(
+                f"an image of topic {self._topic} cannot be decoded: {error}"
+            ) from error
+        if picture is None:
+            raise InputError(
+                f"an image of topic {self._topic} cannot be decoded ({len(message.data)} bytes,"
+                f" {_encoding(message)!r}): expected a complete JPEG, PNG, TIFF, BMP or WebP, RVL"
+                " of depth, or H.264 or H.265"
+            )
+        if (picture.ndim == 3) != (self._role == "colour"):
+            found = "colour" if picture.ndim == 3 else "depth"
+            raise InputError(f"an image of topic {self._topic} is {found}: expected {self._role}")
+        return picture
 
 
-def _decode_raw(message: Any) -> NDArray[Any]:
-    encoding = str(message.encoding)
-    width, height, step = int(message.width), int(message.height), int(message.step)
-    _check_pixels(width, height)
-    if encoding in _DEPTH:
-        dtype = np.dtype(_DEPTH[encoding]).newbyteorder(">" if message.is_bigendian else "<")
-        rows = _rows(message.data, width * dtype.itemsize, height, step)
-        return np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
-    if encoding not in _COLOUR:
-        raise ValueError(f"its encoding is {encoding!r}, expected {', '.join((*_COLOUR, *_DEPTH))}")
-    channels, code = _COLOUR[encoding]
-    rows = _rows(message.data, width * channels, height, step)
-    pixels = np.array(rows).reshape(height, width, channels)
-    return pixels if code is None else np.asarray(cv2.cvtColor(pixels, code), np.uint8)
+def _decode_packed(message: Any, *, is_depth: bool) -> NDArray[Any] | None:
+    form, data = str(message.format), message.data.tobytes()
+    if "rvl" in form.lower() or data.startswith(_RTABMAP):
+        return _inverse_if_float(decode_rvl(_after_header(data, form)), data, form)
+    if _is_compressed_depth(message):
+        start = max(data.find(_PNG, 0, 64), 0)
+        values = decode_image(data[start:], cv2.IMREAD_UNCHANGED)
+        if values is None or values.ndim != 2 or values.dtype != np.uint16:
+            return None
+        return _inverse_if_float(values, data[:start], form)
+    values = decode_image(data, cv2.IMREAD_UNCHANGED if is_depth else cv2.IMREAD_COLOR)
+    if is_depth and values is not None and values.ndim == 2 and values.dtype == np.uint8:
+        raise ValueError("it has 8 bits, expected depth of 16 bits or floating point")
+    return values
 
 
-def _rows(data: NDArray[np.uint8], width_bytes: int, height: int, step: int) -> NDArray[np.uint8]:
-    """(height, width_bytes) the rows without their padding."""
-    step = step or width_bytes
-    if step < width_bytes or len(data) < step * (height - 1) + width_bytes:
-        raise ValueError(
-            f"it has {len(data)} bytes in rows of {step}, expected {height} rows of {width_bytes}"
-        )
-    if len(data) < step * height:  # some drivers leave out the padding of the last row
-        data = np.pad(data, (0, step * height - len(data)))
-    return data[: step * height].reshape(height, step)[:, :width_bytes]
+def _after_header(data: bytes, form: str) -> bytes:
+    """The RVL code with its size before it, without the header of its transport."""
+    if data.startswith(_RTABMAP):
+        return data[len(_RTABMAP) :]
+    has_header = "compresseddepth" in form.lower() or data[:4] == bytes(4)
+    return data[_DEPTH_HEADER.size :] if has_header else data
 
 
-def _decode_packed(message: Any) -> NDArray[Any] | None:
-    form = str(message.format)
-    data = message.data.tobytes()
-    if "compressedDepth" in form:
-        return _decode_depth(data, form)
-    _check_pixels(*(picture_size(data) or (1, 1)))
-    is_depth = form.startswith(tuple(_DEPTH))
-    return decode_image(data, cv2.IMREAD_UNCHANGED if is_depth else cv2.IMREAD_COLOR)
-
-
-def _decode_depth(data: bytes, form: str) -> NDArray[Any] | None:
-    """Decode compressedDepth: a header and a 16-bit PNG, for 32FC1 of quantised inverse depth."""
-    if "rvl" in form.lower():
-        raise ValueError(f"its format is {form!r}, expected compressedDepth with PNG")
-    start = data.find(_PNG, 0, 64)
-    png = data[max(start, 0) :]
-    _check_pixels(*(picture_size(png) or (1, 1)))
-    values = decode_image(png, cv2.IMREAD_UNCHANGED)
-    if values is None or values.ndim != 2 or values.dtype != np.uint16:
-        return None
-    if not form.startswith("32FC1"):
+def _inverse_if_float(values: NDArray[np.uint16], header: bytes, form: str) -> NDArray[Any]:
+    """Depth of quantised inverse depth if it was 32FC1, by the parameters in the header."""
+    if not form.lower().startswith("32fc1"):
         return values
-    if start < _DEPTH_HEADER.size:
+    if len(header) < _DEPTH_HEADER.size:
         raise ValueError("the header of its 32FC1 depth is missing, expected 12 bytes")
-    _, scale, offset = _DEPTH_HEADER.unpack_from(data)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    _, scale, offset = _DEPTH_HEADER.unpack_from(header)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth_m = np.float32(scale) / (values.astype(np.float32) - np.float32(offset))
     return np.where(values > 0, depth_m, np.float32(0))
-
-
-def _check_pixels(width: int, height: int) -> None:
-    largest = current_limits().image_pixels
-    if not 0 < width * height <= largest:
-        raise ValueError(
-            f"it is {width}x{height} px, expected 1 to {largest} pixels, the limit image_pixels"
-        )

@@ -1,25 +1,24 @@
-"""Read the messages of ROS 1 bags, ROS 2 bags and MCAP files, with the package rosbags.
-
-Messages are decoded with the definitions of the ROS distributions. Those inside of the recording
-are not read: bags of older ROS 2 have none, and the types that are needed here never changed.
-"""
+"""An open recording: its topics, and their messages by time."""
 
 from __future__ import annotations
 
 import heapq
+import logging
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
-from edgetree.sources.bags.cut_off import readable_file
-from edgetree.sources.bags.names import BAG_SUFFIXES, storage_files
+from edgetree.sources.bags import realsense_sdk
+from edgetree.sources.bags.decoding import TF_TYPE, Decoder, known_type
+from edgetree.sources.bags.opening import missing_files, open_storage, recording_files
+from edgetree.sources.bags.storage import Channel, Storage
 
-TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
-_OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content
+__all__ = ["TF_TYPE", "Bag", "BrokenRecording", "Message", "Topic"]
+
+_log = logging.getLogger(__name__)
 
 
 class BrokenRecording(InputError):
@@ -32,15 +31,16 @@ class Topic:
 
     Attributes:
         name: Its name, such as "/camera/color/image_raw".
-        message_type: Its type, such as "sensor_msgs/msg/Image", also for ROS 1.
+        message_type: Its type, such as "sensor_msgs/msg/Image", also for ROS 1, and for messages of
+            Foxglove with this content.
         count: Number of its messages.
-        connections: What rosbags knows it by.
+        channels: Its channels in the files.
     """
 
     name: str
     message_type: str
     count: int = 0
-    connections: list[Any] = field(default_factory=list)
+    channels: list[Channel] = field(default_factory=list)
 
 
 class Message(NamedTuple):
@@ -50,23 +50,27 @@ class Message(NamedTuple):
         topic: Its topic.
         log_ns: When it was recorded, ns.
         data: Its bytes.
+        channel: Its channel in the file.
     """
 
     topic: Topic
     log_ns: int
     data: bytes
+    channel: Channel
 
 
 class Bag:
     """An open recording.
 
     Args:
-        path: a ROS 1 bag (.bag), an MCAP file, a database of a ROS 2 bag (.db3), or the folder of a
-            ROS 2 bag. Without its metadata.yaml, as after a power failure, the files are read.
+        path: a ROS 1 bag (.bag, .bag.active), an MCAP file, a database of a ROS 2 bag (.db3), one
+            of these packed as a whole (.zstd), or a folder of them, which are one recording in
+            the order of time.
 
     Attributes:
         topics: The topics by name.
-        is_cut_off: Whether the end of the file is missing, and what is there is read.
+        is_cut_off: Whether the end of a file is missing, and what is there is read.
+        missing: Names of files that belong to the recording and are not there.
         duration_ns: Time from the first to the last message, ns.
 
     Raises:
@@ -76,23 +80,24 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        check_packages()
+        files = recording_files(path)
+        self.missing = missing_files(path)
         self._stack = ExitStack()
+        self._files: list[Storage] = []
         with _named_errors(path):
             try:
-                readers = _readers(path)
-                for reader in readers:
-                    reader.open()
-                    self._stack.callback(_close, reader)
-                self._is_ros1 = path.suffix.lower() == ".bag"
-                self._types = _typestore(is_ros1=self._is_ros1)
-                self.topics = _topics(readers)
-                end_ns = max(reader.end_time for reader in readers)
-                self.duration_ns = max(0, end_ns - min(reader.start_time for reader in readers))
+                for file in files:
+                    self._files.append(open_storage(file))
+                    self._stack.callback(_close, self._files[-1])
+                self.topics = _topics(self._files)
+                end_ns = max(file.end_ns for file in self._files)
+                self.duration_ns = max(0, end_ns - min(file.start_ns for file in self._files))
             except BaseException:
                 self._stack.close()
                 raise
-        self._readers = readers
-        self.is_cut_off = any(not isinstance(reader.path, Path) for reader in readers)
+        self._decoder = Decoder(sum(file.stat().st_size for file in files))
+        self.is_cut_off = any(file.is_cut_off for file in self._files)
 
     def __enter__(self) -> Bag:
         return self
@@ -100,25 +105,30 @@ class Bag:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    @property
+    def depth_unit_m(self) -> float | None:
+        """Metres per step of the depth, as far as the recording says; None if it does not."""
+        topic = realsense_sdk.depth_unit_topic(self.topics)
+        message = None if topic is None else self.first(topic)
+        return None if message is None else realsense_sdk.depth_unit_m(message)
+
     def messages(self, names: Collection[str]) -> Iterator[Message]:
         """Yield the messages of topics in the order of recording.
 
         Raises:
             BrokenRecording: The recording cannot be read any further.
         """
-        topics = {id(c): self.topics[name] for name in names for c in self.topics[name].connections}
+        topics = {
+            channel: self.topics[name] for name in names for channel in self.topics[name].channels
+        }
         parts = []
-        for reader in self._readers:
-            wanted = [c for c in reader.connections if id(c) in topics]
-            if not wanted:
-                continue
-            # Without its index, an MCAP file is read in its own order, nearly that of time.
-            is_scanned = not (isinstance(reader.path, Path) or self._is_ros1)
-            read = reader.storage.messages_scan if is_scanned else reader.messages
-            parts.append(read(wanted))
+        for file in self._files:
+            wanted = [channel for channel in file.channels if channel in topics]
+            if wanted:
+                parts.append(file.messages(wanted))
         with _named_errors(self.path):
-            for connection, log_ns, data in heapq.merge(*parts, key=lambda entry: entry[1]):
-                yield Message(topics[id(connection)], log_ns, data)
+            for channel, log_ns, data in heapq.merge(*parts, key=lambda entry: entry.log_ns):
+                yield Message(topics[channel], log_ns, data, channel)
 
     def first(self, name: str) -> Any | None:
         """The first message of a topic, decoded; None if it has none that can be decoded."""
@@ -126,71 +136,56 @@ class Bag:
         return None if message is None else self.decode(message)
 
     def decode(self, message: Message) -> Any | None:
-        """Decode a message; None if its bytes do not fit its type."""
-        kind = message.topic.message_type
-        kind = TF_TYPE if kind == _OLD_TF_TYPE else kind
-        decode = self._types.deserialize_ros1 if self._is_ros1 else self._types.deserialize_cdr
-        with suppress(Exception):  # rosbags has no error of its own for most kinds of broken bytes
-            return decode(message.data, kind)
+        """Decode a message; None if its bytes do not fit its type.
+
+        Raises:
+            MissingPackage: The package that decodes it is not installed.
+        """
+        content = self._decoder.decode(message.channel, message.data)
+        if content is None:
+            return None
+        with suppress(AttributeError, ValueError, InputError):
+            return realsense_sdk.completed(message.topic.name, content, self.topics)
         return None
 
 
-def _readers(path: Path) -> list[Any]:
-    """The readers of the files of a recording, not opened."""
-    if not path.exists():
-        raise InputError(
-            f"recording {path} does not exist: expected a file ({', '.join(BAG_SUFFIXES)}) or the"
-            " folder of a ROS 2 bag"
-        )
-    try:
-        from rosbags import rosbag1, rosbag2
-    except ImportError as error:
-        raise MissingPackage(
-            f"rosbags is not installed, which recordings need: {install_hint('record')}"
-        ) from error
-    if not path.is_dir():
-        if path.stat().st_size == 0:
-            raise InputError(f"recording {path} is empty: expected messages")
-        if path.suffix.lower() == ".bag":
-            return [rosbag1.Reader(readable_file(path))]
-        return [rosbag2.Reader(readable_file(path))]
-    if (path / "metadata.yaml").is_file():
-        return [rosbag2.Reader(path)]
-    files = [file for file in storage_files(path) if file.stat().st_size]
-    if not files:
-        raise InputError(
-            f"recording {path} has no metadata.yaml: expected the folder of a ROS 2 bag"
-        )
-    return [rosbag2.Reader(readable_file(file)) for file in files]
+def check_packages() -> None:
+    """Check that what recordings need is installed.
+
+    Raises:
+        MissingPackage: It is not.
+    """
+    for name in ("rosbags", "mcap"):
+        try:
+            __import__(name)
+        except ImportError as error:
+            raise MissingPackage(
+                f"{name} is not installed, which recordings need: {install_hint('record')}"
+            ) from error
 
 
-@cache
-def _typestore(*, is_ros1: bool) -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    latest = get_typestore(Stores.LATEST)
-    if not is_ros1:
-        return latest
-    store = get_typestore(Stores.ROS1_NOETIC)
-    if TF_TYPE not in store.fielddefs:
-        store.register({TF_TYPE: latest.fielddefs[TF_TYPE]})
-    return store
-
-
-def _topics(readers: list[Any]) -> dict[str, Topic]:
+def _topics(files: list[Storage]) -> dict[str, Topic]:
     topics: dict[str, Topic] = {}
-    for reader in readers:
-        for connection in reader.connections:
-            topic = topics.setdefault(connection.topic, Topic(connection.topic, connection.msgtype))
-            if topic.message_type == connection.msgtype:
-                topic.count += connection.msgcount
-                topic.connections.append(connection)
+    for file in files:
+        for channel in file.channels:
+            kind = realsense_sdk.type_of(channel.topic, known_type(channel))
+            topic = topics.setdefault(channel.topic, Topic(channel.topic, kind))
+            if topic.message_type == kind:
+                topic.count += channel.count
+                topic.channels.append(channel)
+            else:
+                _log.warning(
+                    "topic %s is of %s and of %s: the second is left out",
+                    channel.topic,
+                    topic.message_type,
+                    kind,
+                )
     return topics
 
 
-def _close(reader: Any) -> None:
+def _close(file: Storage) -> None:
     with suppress(Exception):  # a file that broke while it was read may fail to close as well
-        reader.close()
+        file.close()
 
 
 @contextmanager
@@ -204,5 +199,5 @@ def _named_errors(path: Path) -> Iterator[None]:
         reason = short_line(str(error) or type(error).__name__).rstrip(".")
         raise BrokenRecording(
             f"recording {path} cannot be read ({reason}): expected a complete ROS 1 bag, ROS 2 bag"
-            f" or MCAP file of ROS 2"
+            " or MCAP file"
         ) from error

@@ -5,15 +5,18 @@ from __future__ import annotations
 import logging
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
+from edgetree.frames.rig import Rig
 from edgetree.sources.bags.assembly import Assembly
 from edgetree.sources.bags.messages import stamp_ns
 from edgetree.sources.bags.pairing import Pair, Pairing, Picture, StampCheck
 from edgetree.sources.bags.reader import Bag, BrokenRecording, Message
+from edgetree.sources.bags.realsense_sdk import is_static
 from edgetree.sources.bags.topics import Modality, Streams, choose_streams
 from edgetree.sources.playing import Looped, RisingClock
 from edgetree.sources.source import BaseSource, FrameSource
@@ -31,21 +34,28 @@ def open_recording(
     topics: Mapping[str, str] | None = None,
     depth_scale_m: float | None = None,
     modality: Modality = "both",
+    rig: Rig | None = None,
     loop: bool = False,
 ) -> FrameSource:
-    """Open a ROS 1 bag, a ROS 2 bag or an MCAP file of ROS 2. Needs the package rosbags.
+    """Open a ROS 1 bag, a ROS 2 bag or an MCAP file. Needs the extra `record`.
+
+    MCAP files may hold messages of ROS 1, of ROS 2, and of Foxglove in protobuf or JSON.
 
     Colour and depth are paired by their header stamps within half a period. Frames have the camera
     of CameraInfo, the direction of gravity of an IMU, and the pose in odom, map or world of tf, as
-    far as these are there. Depth of another frame than the colour's is registered to it with tf.
+    far as these are there. Depth of another frame or lens than the colour's is registered to it.
 
     Args:
-        path: a file (.bag, .mcap, .db3) or the folder of a ROS 2 bag.
+        path: a file (.bag, .bag.active, .mcap, .db3, .mcap.zstd, .db3.zstd), or a folder of such
+            files, which are one recording in the order of time.
         topics: Names of topics by role: "colour", "depth", "camera" and "depth_camera" (of type
             CameraInfo), and "imu". The others are found by type, encoding and frame.
-        depth_scale_m: Metres per unit of the depth. By default 0.001 for 16UC1 and 1 for 32FC1.
+        depth_scale_m: Metres per unit of the depth. By default that of `rig`, or what a recording
+            of RealSense's SDK says, or 0.001 for 16UC1 and 1 for 32FC1.
         modality: "both" for all images there are, "rgb" for colour alone, "depth" for depth alone,
             which is then not registered to the colour.
+        rig: Unit, kind and correction of the depth, and the camera of a range whose camera is not
+            in the recording.
         loop: Whether to start again at the end, for ever. Numbers and time stamps go on rising.
 
     Returns:
@@ -56,7 +66,9 @@ def open_recording(
             topic is meant.
         MissingPackage: Rosbags is not installed.
     """
-    recording = _Recording(path, topics or {}, depth_scale_m, modality)
+    rig = rig or Rig()
+    rig = rig if depth_scale_m is None else replace(rig, depth_scale_m=depth_scale_m)
+    recording = _Recording(path, topics or {}, rig, modality)
     return Looped(recording) if loop else recording
 
 
@@ -67,13 +79,19 @@ class _Recording(BaseSource):
         self,
         path: Path,
         topics: Mapping[str, str],
-        depth_scale_m: float | None,
+        rig: Rig,
         modality: Modality,
     ) -> None:
         super().__init__(str(path))
-        self._path, self._scale_m = path, depth_scale_m
+        self._path, self._rig = path, rig
+        self._first_error = ""
         with Bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
+            if self._rig.depth_scale_m is None:
+                self._rig = replace(self._rig, depth_scale_m=bag.depth_unit_m)
+            for name in bag.missing:
+                self.counts["files missing"] += 1
+                _log.warning("recording %s: its file %s is missing", path, name)
             if bag.is_cut_off:
                 self.counts["end missing"] += 1
                 _log.warning("recording %s: its end is missing: what is there is read", path)
@@ -90,15 +108,17 @@ class _Recording(BaseSource):
     def _frames(self) -> Iterator[Frame]:
         clock = RisingClock()
         number = 0
+        self._first_error = ""
         try:
             with Bag(self._path) as bag:
-                one_pass = _Pass(bag, self._streams, self._scale_m, self.counts)
+                one_pass = _Pass(bag, self._streams, self._rig, self.counts)
                 for pair in one_pass.pairs():
                     if self._is_closed.is_set():
                         return
                     time_s = clock.rising_s(pair.leading.stamp / _NS_PER_S)
                     frame = one_pass.assembly.frame(number, time_s, pair)
                     number += 1
+                    self._first_error = one_pass.assembly.first_error
                     if frame is not None:
                         yield frame
         except BrokenRecording as error:
@@ -110,6 +130,11 @@ class _Recording(BaseSource):
     def _nothing(self) -> str:
         """Why not one frame came."""
         streams = self._streams
+        if self._first_error:
+            return (
+                f"recording {self.name}: no picture could be decoded ({_told(self.counts)});"
+                f" {self._first_error}"
+            )
         if streams.colour and streams.depth:
             return (
                 f"recording {self.name}: no image of {streams.colour} and {streams.depth} have time"
@@ -126,7 +151,7 @@ class _Recording(BaseSource):
             ("IMU", streams.imu),
         ):
             _log.info("recording %s: %s is %s", self.name, role, topic or "not there")
-        if streams.depth is not None and self._scale_m is None:
+        if streams.depth is not None and self._rig.depth_scale_m is None:
             _log.info(
                 "recording %s: 16-bit depth is read as millimetres, 32-bit depth as metres, as the"
                 " unit is not in the recording",
@@ -140,18 +165,16 @@ class _Pass:
     Args:
         bag: The open recording.
         streams: Its topics.
-        scale_m: Metres per unit of the depth; None for the default.
+        rig: Unit, kind and correction of the depth.
         counts: Where what is left out is counted.
 
     Attributes:
         assembly: Makes frames of the pairs.
     """
 
-    def __init__(
-        self, bag: Bag, streams: Streams, scale_m: float | None, counts: Counter[str]
-    ) -> None:
+    def __init__(self, bag: Bag, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
         self._bag, self._streams, self._counts = bag, streams, counts
-        self.assembly = Assembly(bag.path, streams, scale_m, counts)
+        self.assembly = Assembly(bag.path, streams, rig, counts)
         self._roles = {streams.colour: "colour", streams.depth: "depth"}
         images = [name for name in (streams.colour, streams.depth) if name is not None]
         self._stamps = {role: StampCheck() for role in ("colour", "depth")}
@@ -183,7 +206,7 @@ class _Pass:
             content = self._bag.first(name) if name is not None else None
             if name is not None and content is not None:
                 self.assembly.add(name, content)
-        fixed = [name for name in self._streams.transforms if name.endswith("static")]
+        fixed = [name for name in self._streams.transforms if is_static(name)]
         for message in self._bag.messages(fixed) if fixed else ():
             content = self._bag.decode(message)
             if content is not None:
@@ -192,6 +215,7 @@ class _Pass:
     def _pairs(self, message: Message, content: object) -> list[Pair]:
         """The pairs that an image completes."""
         role = self._roles[message.topic.name]
+        self.assembly.arrived(role, content)
         picture = Picture(stamp_ns(content) or message.log_ns, message.log_ns, content)
         state = self._stamps[role].see(picture.stamp)
         if state == "late":

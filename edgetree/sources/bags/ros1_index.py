@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, Final, NamedTuple
 
+from edgetree.sources.bags.bounded import Budget
+
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 3, 4, 5, 6, 7  # kinds of records
 _MAX_HEADER_BYTES: Final = 2**16
@@ -66,7 +68,7 @@ def missing_index(file: BinaryIO, size: int) -> Index | None:
     chunks = _chunks(file, first.end, size)
     if not chunks:
         return None
-    tail, connections = _connections(file, chunks)
+    tail, connections = _connections(file, chunks, Budget(size))
     for chunk in chunks:
         tail += _chunk_info(chunk)
     end = chunks[-1].end
@@ -146,10 +148,8 @@ def _take_index(file: BinaryIO, chunk: _Chunk, record: _Record) -> None:
     chunk.end = record.end
 
 
-def _connections(file: BinaryIO, chunks: list[_Chunk]) -> tuple[bytes, int]:
+def _connections(file: BinaryIO, chunks: list[_Chunk], budget: Budget) -> tuple[bytes, int]:
     """The records of the connections, which stand in the chunks, and their number."""
-    from rosbags.rosbag1.reader import decompressors
-
     wanted = {connection for chunk in chunks for connection in chunk.counts}
     found: dict[bytes, bytes] = {}
     for chunk in chunks:
@@ -158,7 +158,7 @@ def _connections(file: BinaryIO, chunks: list[_Chunk]) -> tuple[bytes, int]:
         file.seek(chunk.record.data_start)
         content = file.read(chunk.record.end - chunk.record.data_start)
         compression = chunk.record.header.get(b"compression", b"none").decode("ascii", "replace")
-        content = decompressors[compression](content)
+        content = budget.unpacked(content, compression)
         inner = io.BytesIO(content)
         for record in _records(inner, 0, len(content)):
             if record.kind == _CONNECTION:

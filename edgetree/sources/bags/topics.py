@@ -10,20 +10,24 @@ from typing import Any, Final, Literal
 
 from basetree.errors import InputError
 from edgetree.sources.bags.exact import EXACT_TOPIC, EXACT_TYPE
-from edgetree.sources.bags.messages import IMAGE_TYPES, PictureKind, kind_of_picture
+from edgetree.sources.bags.image_topics import (
+    CAMERA_TYPE,
+    ImageTopic,
+    camera_topic,
+    find_image_topics,
+    listed,
+    warn_of_left_out,
+)
+from edgetree.sources.bags.messages import IMAGE_TYPES, TRANSPORTS
 from edgetree.sources.bags.reader import TF_TYPE, Bag
-from edgetree.sources.bags.transforms import frame_name
 
 _log = logging.getLogger(__name__)
 
 Modality = Literal["both", "rgb", "depth"]
 ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
-_CAMERA_TYPE: Final = "sensor_msgs/msg/CameraInfo"
 _IMU_TYPE: Final = "sensor_msgs/msg/Imu"
 _TF_TYPES: Final = (TF_TYPE, "tf/msg/tfMessage")
-_TRANSPORTS: Final = ("/compressed", "/compressedDepth")
-_MAX_LISTED: Final = 8
 
 
 @dataclass(frozen=True)
@@ -58,21 +62,6 @@ class Streams:
         )
 
 
-@dataclass(frozen=True)
-class _Picture:
-    """An image topic and its first message."""
-
-    name: str
-    kind: PictureKind
-    frame: str
-    size: tuple[int, int] | None
-
-    @property
-    def base(self) -> str:
-        """The name without its transport."""
-        return _base(self.name)
-
-
 def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> Streams:
     """Choose topics by their types, encodings and frames.
 
@@ -89,7 +78,7 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
     if unknown:
         raise InputError(f"topics names {', '.join(unknown)}: expected {', '.join(ROLES)}")
     given = {role: _given(bag, role, name) for role, name in topics.items()}
-    pictures = _pictures(bag)
+    pictures = find_image_topics(bag)
     colour = depth = None
     if modality != "depth":
         colour = given.get("colour") or _one(bag.path, "colour", pictures, given.get("depth"))
@@ -98,12 +87,15 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
     missing = {"rgb": colour is None, "depth": depth is None}.get(modality, not (colour or depth))
     if missing:
         raise InputError(_no_images(bag, pictures, modality))
+    wanted = {"rgb": ("colour",), "depth": ("depth",)}.get(modality, ("colour", "depth"))
+    chosen = {"colour": colour, "depth": depth}
+    warn_of_left_out(bag, pictures, [role for role in wanted if chosen[role] is None])
     by_name = {picture.name: picture for picture in pictures}
     return Streams(
         colour,
         depth,
-        given.get("camera") or _camera_for(bag, by_name.get(colour or "")),
-        given.get("depth_camera") or _camera_for(bag, by_name.get(depth or "")),
+        given.get("camera") or camera_topic(bag, by_name.get(colour or "")),
+        given.get("depth_camera") or camera_topic(bag, by_name.get(depth or "")),
         given.get("imu") or _imu(bag),
         tuple(name for name, topic in bag.topics.items() if topic.message_type in _TF_TYPES),
         EXACT_TOPIC if _has_exact(bag) else None,
@@ -118,9 +110,9 @@ def _has_exact(bag: Bag) -> bool:
 def _given(bag: Bag, role: str, name: str) -> str:
     """A named topic, checked; images may be named without their transport."""
     types = {"imu": (_IMU_TYPE,), "colour": IMAGE_TYPES, "depth": IMAGE_TYPES}
-    expected = types.get(role, (_CAMERA_TYPE,))
+    expected = types.get(role, (CAMERA_TYPE,))
     fitting = [key for key, topic in bag.topics.items() if topic.message_type in expected]
-    for candidate in (name, *(f"{name}{transport}" for transport in _TRANSPORTS)):
+    for candidate in (name, *(f"{name}{transport}" for transport in TRANSPORTS)):
         if candidate in fitting:
             if bag.topics[candidate].count == 0:
                 raise InputError(f"recording {bag.path}: topic {candidate} is empty")
@@ -128,27 +120,11 @@ def _given(bag: Bag, role: str, name: str) -> str:
     found = f"is of {bag.topics[name].message_type}" if name in bag.topics else "does not exist"
     raise InputError(
         f"recording {bag.path}: topic {name} for {role} {found}: expected"
-        f" {_listed(fitting) or f'a topic of {expected[0]}, and there is none'}"
+        f" {listed(fitting) or f'a topic of {expected[0]}, and there is none'}"
     )
 
 
-def _pictures(bag: Bag) -> list[_Picture]:
-    pictures = []
-    for name, topic in bag.topics.items():
-        if topic.message_type not in IMAGE_TYPES:
-            continue
-        message = bag.first(name)
-        if message is None:
-            reason = "is empty" if topic.count == 0 else "cannot be decoded"
-            _log.warning("recording %s: topic %s %s", bag.path, name, reason)
-            continue
-        size = (int(message.width), int(message.height)) if hasattr(message, "width") else None
-        kind = kind_of_picture(message, name)
-        pictures.append(_Picture(name, kind, frame_name(message.header.frame_id), size))
-    return pictures
-
-
-def _one(path: Path, role: str, pictures: list[_Picture], other: str | None) -> str | None:
+def _one(path: Path, role: str, pictures: list[ImageTopic], other: str | None) -> str | None:
     """The only topic of a role; None if there is none.
 
     Raw images are preferred to compressed ones of the same name, and topics in the frame of the
@@ -169,34 +145,9 @@ def _one(path: Path, role: str, pictures: list[_Picture], other: str | None) -> 
     if len(found) > 1:
         raise InputError(
             f"recording {path} has {len(found)} topics of {role} images: expected one of them to"
-            f" be named as topic {role!r}: {_listed([picture.name for picture in found])}"
+            f" be named as topic {role!r}: {listed([picture.name for picture in found])}"
         )
     return found[0].name if found else None
-
-
-def _camera_for(bag: Bag, picture: _Picture | None) -> str | None:
-    """The CameraInfo topic of an image topic: of the same namespace, or else of the same frame."""
-    if picture is None:
-        return None
-    infos = [
-        name
-        for name, topic in bag.topics.items()
-        if topic.message_type == _CAMERA_TYPE and topic.count
-    ]
-    for name in (
-        f"{picture.base.rpartition('/')[0]}/camera_info",
-        f"{picture.base.removesuffix('/image/data')}/info/camera_info",  # of RealSense's viewer
-    ):
-        if name in infos:
-            return name
-    firsts = {name: message for name in infos if (message := bag.first(name)) is not None}
-    same = [
-        name
-        for name, message in firsts.items()
-        if frame_name(message.header.frame_id) == picture.frame
-        and picture.size in (None, (message.width, message.height))
-    ]
-    return same[0] if same else None
 
 
 def _imu(bag: Bag) -> str | None:
@@ -212,7 +163,7 @@ def _imu(bag: Bag) -> str | None:
             " topic 'imu': %s",
             bag.path,
             len(found),
-            _listed(found),
+            listed(found),
         )
     return found[0] if len(found) == 1 else None
 
@@ -224,23 +175,15 @@ def _accelerates(message: Any | None) -> bool:
     return any((acceleration.x, acceleration.y, acceleration.z))
 
 
-def _no_images(bag: Bag, pictures: list[_Picture], modality: Modality) -> str:
+def _no_images(bag: Bag, pictures: list[ImageTopic], modality: Modality) -> str:
     wanted = {"both": "images", "rgb": "colour images", "depth": "depth images"}[modality]
-    found = [f"{picture.name} ({picture.kind.encoding})" for picture in pictures]
+    found = [f"{each.name} ({each.kind.encoding}){_reason(each)}" for each in pictures]
     found = found or [f"{name} ({topic.message_type})" for name, topic in bag.topics.items()]
     return (
         f"recording {bag.path} has no {wanted}: expected a topic of sensor_msgs/Image or"
-        f" CompressedImage; it has {_listed(found) or 'no topics'}"
+        f" CompressedImage; it has {listed(found) or 'no topics'}"
     )
 
 
-def _base(name: str) -> str:
-    for transport in _TRANSPORTS:
-        if name.endswith(transport):
-            return name.removesuffix(transport)
-    return name
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
+def _reason(picture: ImageTopic) -> str:
+    return f", left out as {picture.kind.reason}" if picture.kind.reason else ""

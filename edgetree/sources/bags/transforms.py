@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -19,6 +20,7 @@ _MAX_GAP_NS: Final = 1_000_000_000  # between two readings that are interpolated
 _MAX_BEYOND_NS: Final = 100_000_000  # after the last or before the first reading
 _CLOCK_JUMP_NS: Final = 1_000_000_000
 _MAX_READINGS: Final = 2000
+_MOST_M: Final = 1e8  # beyond the coordinates of all maps and the size of the Earth
 
 
 def frame_name(name: str) -> str:
@@ -86,7 +88,7 @@ class TransformTree:
     """The transforms of a recording.
 
     Attributes:
-        unusable: Number of transforms that were left out, as they are not finite or no rotation.
+        unusable: Number of transforms that were left out, as they are out of range or no rotation.
     """
 
     def __init__(self) -> None:
@@ -99,9 +101,10 @@ class TransformTree:
             moved, turned = entry.transform.translation, entry.transform.rotation
             place_m = np.array([moved.x, moved.y, moved.z], np.float64)
             quaternion = np.array([turned.x, turned.y, turned.z, turned.w], np.float64)
-            length = np.linalg.norm(quaternion)
+            length = math.hypot(*quaternion)
             child, parent = frame_name(entry.child_frame_id), frame_name(entry.header.frame_id)
-            if not (np.isfinite(place_m).all() and abs(length - 1) < 0.01) or child == parent:
+            is_rigid = bool((np.abs(place_m) <= _MOST_M).all()) and abs(length - 1) < 0.01
+            if not is_rigid or child == parent:
                 self.unusable += 1
                 continue
             link = self._links.get(child)

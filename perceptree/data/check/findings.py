@@ -6,11 +6,14 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from perceptree.data.tally import LEFT_OUT
+
 _MAX_NAMES = 5
 
 # In the order of the report; each text follows a count.
 KINDS = {
     "entry": "invalid entries in label files",
+    **LEFT_OUT,
     "image_missing": "colour images missing",
     "image_broken": "colour images broken or truncated",
     "image_size": "colour images of another size than in the label file",

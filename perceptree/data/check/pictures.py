@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from basetree.arrays import UInt8
-from basetree.files.reading import decode_image
+from basetree.errors import InputFileError
+from basetree.files.picture_size import most_picture_bytes
+from basetree.files.reading import Picture, decode_picture
+from basetree.files.regular import read_regular
 from perceptree.data.coco import FrameRecord
+from perceptree.data.orientation import as_labelled, how_labelled
 
 Signature = NDArray[np.uint64]
 
@@ -20,17 +23,19 @@ SIGNATURE_WORDS = 8
 _HASH_SIDE = 16
 
 
-def colour_faults(frame: FrameRecord) -> tuple[list[str], Signature | None]:
+def colour_faults(frame: FrameRecord) -> tuple[list[str], Signature | None, str]:
     """Check a frame's colour image.
 
     Returns:
-        Kinds of problems, and the image's signature, None if it cannot be read.
+        Kinds of problems, the image's signature, None if it cannot be read, and how an EXIF
+        orientation is taken, a key of `ORIENTED`.
     """
-    image, kind = _read(frame.image_path, cv2.IMREAD_COLOR)
-    if image is None:
-        return [f"image_{kind}"], None
-    fits = image.shape[:2] == (frame.height, frame.width)
-    return [] if fits else ["image_size"], signature(image)
+    picture, kind = _read(frame.image_path, cv2.IMREAD_COLOR)
+    if picture is None:
+        return [f"image_{kind}"], None, ""
+    image = as_labelled(picture, frame)
+    faults = [] if image.shape[:2] == (frame.height, frame.width) else ["image_size"]
+    return faults, signature(np.asarray(image, np.uint8)), how_labelled(picture, frame)
 
 
 def depth_faults(frame: FrameRecord) -> Iterator[tuple[str, Path]]:
@@ -38,7 +43,8 @@ def depth_faults(frame: FrameRecord) -> Iterator[tuple[str, Path]]:
     for path, dtype in ((frame.depth8_path, np.uint8), (frame.depth_path, np.uint16)):
         if path is None:
             continue
-        image, kind = _read(path, cv2.IMREAD_UNCHANGED)
+        picture, kind = _read(path, cv2.IMREAD_UNCHANGED)
+        image = None if picture is None else as_labelled(picture, frame)
         if image is not None and (image.ndim != 2 or image.dtype != dtype):
             image, kind = None, "broken"
         if image is None:
@@ -67,20 +73,21 @@ def signature(image: UInt8) -> Signature:
     return np.packbits(bits).view(np.uint64)
 
 
-def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
-    """Return the decoded image, or None and "missing" or "broken"."""
+def _read(path: Path, flag: int) -> tuple[Picture | None, str]:
+    """Return the decoded picture, or None and "missing" or "broken"."""
     try:
-        data = path.read_bytes()
+        data = read_regular(path, most_picture_bytes())
     except OSError:
         return None, "missing"
-    if not data or not _is_whole(data):
-        return None, "broken"
-    image = decode_image(data, flag)
-    return (None, "broken") if image is None else (image, "")
+    try:
+        picture = decode_picture(data, flag) if _is_whole(data) else None
+    except InputFileError:
+        picture = None
+    return (None, "broken") if picture is None else (picture, "")
 
 
 def _is_whole(data: bytes) -> bool:
-    """Return whether a JPEG or PNG has its end marker; OpenCV 4 does not report truncation."""
+    """Return whether a JPEG has its end marker; OpenCV 4 does not report truncation."""
     if data.startswith(b"\xff\xd8"):
         return data.rfind(b"\xff\xd9") > len(data) // 2
-    return not data.startswith(b"\x89PNG") or b"IEND" in data[-64:]
+    return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -18,6 +19,8 @@ from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset, read_labels
 from perceptree.data.entries import EntryError
 from perceptree.data.layouts import LabelFile, find_splits
+from perceptree.data.orientation import ORIENTED
+from perceptree.data.tally import Tally
 
 Progress = Callable[[int], object]
 Faults = list[tuple[str, str]]
@@ -33,7 +36,7 @@ class SplitSummary:
         split: "train", "val" or "test".
         labels: Path of the label file.
         frames: Number of frames.
-        trees: Number of labelled trees.
+        trees: Number of labelled trees that count; ignored regions do not.
         has_masks: Whether every tree has a mask.
         has_keypoints: Whether any tree has a labelled keypoint.
         has_depth: Whether every frame has an 8-bit depth image.
@@ -77,12 +80,19 @@ class Check:
     """
 
     def __init__(
-        self, directory: Path | str, fold: int | None = None, entire_tree: bool = False
+        self,
+        directory: Path | str,
+        fold: int | None = None,
+        entire_tree: bool = False,
+        crowds_as_trees: bool = False,
     ) -> None:
         self._findings = Findings()
         self._splits: dict[str, Dataset] = {}
+        self._oriented: defaultdict[str, Counter[str]] = defaultdict(Counter)
         for labels in find_splits(Path(directory), fold, entire_tree):
-            self._splits[labels.split] = read_labels(labels, partial(self._wrong_entry, labels))
+            self._splits[labels.split] = read_labels(
+                labels, partial(self._wrong_entry, labels), crowds_as_trees=crowds_as_trees
+            )
 
     def _wrong_entry(self, labels: LabelFile, error: EntryError) -> None:
         self._findings.add("entry", f"{labels.path.name}: {error}")
@@ -100,19 +110,28 @@ class Check:
         signatures: dict[str, list[Signature | None]] = {}
         with ThreadPoolExecutor() as pool:
             for split, dataset in self._splits.items():
-                for number, x, y in dataset.outside:
-                    self._findings.add(
-                        "keypoint_outside", f"{split} annotation {number} at {x:.6g}, {y:.6g}"
-                    )
+                self._tell(split, dataset.tally)
                 found = signatures[split] = []
                 for frames in _batches(dataset.frames):
-                    for faults, signature in pool.map(_check_frame, frames):
+                    for faults, signature, how in pool.map(_check_frame, frames):
                         self._findings.extend((kind, f"{split} {where}") for kind, where in faults)
                         found.append(signature)
+                        self._oriented[split][how] += 1
                     progress(len(frames))
         compared_by = self._compare(signatures)
-        summaries = tuple(_summary(split, data) for split, data in self._splits.items())
+        summaries = tuple(
+            _summary(split, data, self._oriented[split]) for split, data in self._splits.items()
+        )
         return Report(summaries, self._findings.listed(), compared_by)
+
+    def _tell(self, split: str, tally: Tally) -> None:
+        """Record what the reader left out."""
+        for kind, number in tally.left_out:
+            self._findings.add(kind, f"{split} annotation {number}")
+        for number, x, y in tally.outside:
+            self._findings.add(
+                "keypoint_outside", f"{split} annotation {number} at {x:.6g}, {y:.6g}"
+            )
 
     def _compare(self, signatures: dict[str, list[Signature | None]]) -> str:
         """Look for leakage by scene if every frame names its scene, otherwise by image."""
@@ -133,24 +152,25 @@ def _batches(frames: Sequence[FrameRecord]) -> Iterator[list[FrameRecord]]:
         yield batch
 
 
-def _check_frame(frame: FrameRecord) -> tuple[Faults, Signature | None]:
-    """Return (kind, where) of a frame's problems, and its image's signature."""
+def _check_frame(frame: FrameRecord) -> tuple[Faults, Signature | None, str]:
+    """Return (kind, where) of a frame's problems, its image's signature and how that is turned."""
     name = frame.image_path.name
-    kinds, signature = colour_faults(frame)
+    kinds, signature, how = colour_faults(frame)
     faults: Faults = [(kind, str(frame.image_path)) for kind in kinds]
     faults += [(kind, str(path)) for kind, path in depth_faults(frame)]
     faults += [(kind, f"{name} annotation {number}") for kind, number in label_faults(frame)]
-    return faults, signature
+    return faults, signature, how
 
 
-def _summary(split: str, dataset: Dataset) -> SplitSummary:
+def _summary(split: str, dataset: Dataset, oriented: Counter[str]) -> SplitSummary:
+    turned = [f"{oriented[how]} {text}" for how, text in ORIENTED.items() if oriented[how]]
     return SplitSummary(
         split,
         str(dataset.labels.path),
         len(dataset.frames),
-        sum(len(frame.trees) for frame in dataset.frames),
+        sum(not tree.ignored for frame in dataset.frames for tree in frame.trees),
         dataset.has_masks,
         dataset.has_keypoints,
         dataset.has_depth,
-        dataset.notes,
+        (*dataset.notes, *turned),
     )

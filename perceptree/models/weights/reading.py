@@ -8,12 +8,14 @@ import pickle
 import re
 import warnings
 from collections.abc import Mapping
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import torch
 from torch import Tensor
 
+from basetree.files.regular import open_regular
 from perceptree.errors import CheckpointError
 from perceptree.models.checkpoint import check_is_file
 from perceptree.models.weights.archives import check_archive
@@ -77,14 +79,14 @@ def _check_sum(path: Path, values: Mapping[str, Any]) -> None:
 
 def file_sha256(path: Path) -> str:
     """The SHA-256 of a file's bytes, in hexadecimal."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _content(path: Path) -> Any:
     check_is_file(path, "a .pth or .pkl checkpoint")
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(32)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -102,12 +104,17 @@ def _content(path: Path) -> Any:
 
 
 def _load(path: Path, head: bytes) -> Any:
-    if head.startswith(_ZIP) or _OLD_TORCH in head:
+    with open_regular(path) as file:
+        if not head.startswith(_ZIP) and _OLD_TORCH not in head:
+            return read_pickle(file)
         check_archive(path)
-        with torch.serialization.safe_globals(list(SAFE_GLOBALS)):
-            return torch.load(path, map_location="cpu", weights_only=True)
-    with path.open("rb") as file:
-        return read_pickle(file)
+        # A file takes memory for as many bytes as a pickle asks for, a map for those it has.
+        with (
+            torch.serialization.safe_globals(list(SAFE_GLOBALS)),
+            mmap(file.fileno(), 0, access=ACCESS_READ) as content,
+        ):
+            source = path if head.startswith(_ZIP) else cast("IO[bytes]", content)
+            return torch.load(source, map_location="cpu", weights_only=True)
 
 
 def _reason(error: Exception) -> str:

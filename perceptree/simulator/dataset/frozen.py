@@ -195,11 +195,16 @@ def _label_figures(directory: Path) -> tuple[float, list[float]]:
     for split in SPLITS:
         path = directory / f"{split}_RGB.json"
         if path.exists():
-            content: dict[str, Any] = json.loads(path.read_text("utf-8"))
-            frames += len(content["images"])
-            visible += [tree["visible_fraction"] for tree in content["annotations"]]
+            try:
+                content: dict[str, Any] = json.loads(path.read_text("utf-8"))
+                frames += len(content["images"])
+                visible += [float(tree["visible_fraction"]) for tree in content["annotations"]]
+            except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError):
+                raise DatasetError(f"{path}: not the labels of a simulated dataset") from None
     if not frames or not visible:
         raise DatasetError(f"{directory}: holds no labelled trees, expected a simulated dataset")
+    if not np.isfinite(visible).all():
+        raise DatasetError(f"{directory}: a visible_fraction is not finite, expected 0 to 1")
     counts = np.histogram(visible, _OCCLUSION_BINS, (0, 1))[0]
     shares = [round(float(count) / len(visible), 4) for count in counts]
     return round(len(visible) / frames, 4), shares

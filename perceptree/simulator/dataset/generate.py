@@ -158,7 +158,7 @@ def prepare(directory: Path, plan: DatasetPlan) -> None:
 def _digest_in(record: Path) -> object:
     try:
         content = json.loads(record.read_text("utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return content.get("sha256") if isinstance(content, dict) else None
 

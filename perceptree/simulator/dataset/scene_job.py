@@ -99,7 +99,7 @@ class SceneJob:
                 for record in records
                 for name, size in record["bytes"].items()
             )
-        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
             return []
         return records if complete else []
 

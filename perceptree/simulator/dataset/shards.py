@@ -233,10 +233,17 @@ def _copy_scene(
     """Copy the files of a scene and its record; returns the records, none if a file is missing."""
     store = parts.parts[unit][0]
     content = parts.read(unit)
-    records: Records = json.loads(content)
     there, here = sizes[store.where], sizes[out.where]
-    for record in records:
-        for name, size in record["bytes"].items():
+    try:
+        records: Records = json.loads(content)
+        files = [record["bytes"].items() for record in records]
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise JobError(
+            f"{store.where}/{parts.job.part(unit)}: not the record of a scene ({error!r:.100}),"
+            " expected one that perceptree synth wrote"
+        ) from error
+    for each in files:
+        for name, size in each:
             if there.get(name) != size:
                 return []
             if here.get(name) != size:

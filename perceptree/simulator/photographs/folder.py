@@ -137,11 +137,16 @@ def dataset_credits(settings_file: Path) -> list[dict[str, Any]]:
     """
     try:
         content = json.loads(settings_file.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"{settings_file}: cannot be read ({error}), expected a dataset's settings.json"
         ) from error
-    return list(content.get(CREDITS, [])) if isinstance(content, dict) else []
+    found = content.get(CREDITS, []) if isinstance(content, dict) else []
+    if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+        raise DatasetError(
+            f"{settings_file}: {CREDITS} is {found!r:.100}, expected a list of sources and licences"
+        )
+    return found
 
 
 def _photographs(root: Path, kind: str) -> Iterator[Photograph]:

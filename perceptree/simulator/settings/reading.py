@@ -27,7 +27,7 @@ def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
         SettingsError: If the file cannot be read, or a name or value is wrong.
     """
     try:
-        values = json.loads(path.read_text("utf-8"))
+        values = json.loads(path.read_bytes())
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:

@@ -101,5 +101,5 @@ def test_a_part_that_is_no_regular_file_is_not_read(tmp_path: Path, target: str)
     store = store_with(tmp_path)
     (tmp_path / "parts/000000.json").unlink()
     (tmp_path / "parts/000000.json").symlink_to(target)
-    with pytest.raises(StoreError, match=r"000000\.json: is not a regular file; expected one"):
+    with pytest.raises(StoreError, match=r"000000\.json: cannot be read .*expected a regular file"):
         list(read_manifests([store], ("test",)))

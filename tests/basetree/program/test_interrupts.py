@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM wait for the end of a block."""
+"""Ctrl-C, SIGTERM and SIGHUP wait for the end of a block."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 
 from basetree.program.interrupts import interrupt_afterwards
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 
 
 def end(number: int, frame: FrameType | None) -> None:

@@ -29,9 +29,12 @@ run_command_line("edgetree", run)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals to send")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (getattr(signal, "SIGHUP", 0), 129)],
+)
 def test_a_signal_during_an_import_ends_the_command_after_it(
-    tmp_path: Path, number: signal.Signals, code: int
+    tmp_path: Path, number: int, code: int
 ) -> None:
     whole = tmp_path / "whole"
     (tmp_path / "fragile.py").write_text(MODULE.format(number=int(number), whole=str(whole)))
@@ -42,7 +45,7 @@ def test_a_signal_during_an_import_ends_the_command_after_it(
         check=False,
         timeout=60,
         # A test runner in the background ignores the signal, which child processes inherit.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     assert (done.returncode, done.stderr) == (code, "edgetree: interrupted\n")
     assert whole.exists()

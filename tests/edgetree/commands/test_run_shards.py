@@ -184,10 +184,11 @@ def test_missing_inputs_are_one_line(
     done = run_cli("run", tmp_path / "none", "--model", model, *parts)
     assert done.code == 2
     assert "has no images and no recordings" in done.err
-    (frames.parent / "depth" / "e.png").unlink()
+    for path in (frames.parent / "depth").iterdir():
+        path.unlink()
     done = run_cli("run", *options(frames, model), *parts)
     assert done.code == 2
-    assert "e.png does not exist, nor with .tif, .tiff, .npy: expected one for image" in done.err
+    assert "a.png does not exist, nor with .tif, .tiff, .npy: expected one for image" in done.err
 
 
 def test_a_worker_that_sees_other_files_is_refused(frames: Path) -> None:

@@ -1,4 +1,4 @@
-"""Full disks, and streams that are closed or full, give one line and leave nothing half-written."""
+"""Full disks, and streams that are closed or full: nothing is half, and other outputs go on."""
 
 from __future__ import annotations
 
@@ -58,9 +58,8 @@ def test_a_full_stdout_is_one_line(
 ) -> None:
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     image = images / "a.jpg"
-    csv = tmp_path / "trees.csv"
     for arguments in (
-        ("run", images, "--model", model, "--csv", csv),
+        ("run", images, "--model", model),
         ("run", images, "--model", model, "--json"),
         ("measure", image, *metres, "--model", model),
         ("--version",),
@@ -70,8 +69,36 @@ def test_a_full_stdout_is_one_line(
         assert done.stderr.endswith(FULL), done.stderr
         assert "Traceback" not in done.stderr
         assert "Exception" not in done.stderr
-    assert not csv.exists()
+
+
+@pytest.mark.parametrize("command", ["run", "live"])
+def test_beside_a_full_stdout_the_table_is_written(
+    images: Path, model: Path, metres: tuple[object, ...], tmp_path: Path, command: str
+) -> None:
+    csv = tmp_path / "trees.csv"
+    options = (*metres, "--model", model, "--csv", csv)
+    done = edgetree(command, images / "a.jpg", *options, stdout="/dev/full")
+    assert done.returncode == 1, done.stderr
+    first, *_, last = done.stderr.splitlines()
+    assert first == (
+        "standard output: No space left on device: it is given up, and the other outputs go on"
+    )
+    assert last == ("edgetree: standard output lacks 1 of 1 frame(s) (No space left on device)")
+    assert len(csv.read_text().splitlines()) == 2
     assert not list(tmp_path.glob(".*"))
+
+
+def test_beside_a_reader_that_ends_the_table_is_written(
+    images: Path, model: Path, tmp_path: Path
+) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    csv = tmp_path / "trees.csv"
+    done = edgetree("run", images, "--model", model, "--csv", csv, stdout=writer)
+    os.close(writer)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("edgetree: standard output lacks 2 of 2 frame")
+    assert len(csv.read_text().splitlines()) == 3
 
 
 def test_a_closed_stdout_is_one_line(images: Path, model: Path) -> None:
@@ -100,7 +127,7 @@ def test_a_reader_that_ends_is_no_error() -> None:
 
 
 @pytest.mark.parametrize("option", ["--csv", "--jsonl", "--coco", "--report", "--out"])
-def test_a_full_disk_is_one_line_and_leaves_nothing(
+def test_a_full_disk_leaves_nothing_and_the_other_outputs_go_on(
     images: Path, model: Path, tmp_path: Path, option: str
 ) -> None:
     out = tmp_path / "new" / ("trees.html" if option == "--report" else "trees")
@@ -112,10 +139,13 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
 
     done = edgetree("run", images, "--model", model, option, out, start=limit)
-    assert done.returncode == 2, done.stderr
-    (line,) = done.stderr.splitlines()
-    named = out / "a_trees.jpg" if option == "--out" else out
-    assert line.startswith("edgetree: ")
-    if option != "--report":  # its pictures are in a file without a name first
-        assert f"{named} cannot be written (File too large)" in line
     assert sorted(tmp_path.rglob("*")) == before
+    *_, last = done.stderr.splitlines()
+    if option == "--jsonl":  # no other output
+        assert (done.returncode, done.stderr) == (2, f"{last}\n")
+        assert last.startswith(f"edgetree: {out} cannot be written (File too large)")
+        return
+    assert done.returncode == 1, done.stderr
+    lacks = "lacks 2 of 2 frame(s)" if option == "--out" else "is not written"
+    assert last == f"edgetree: {option} {out} {lacks} (File too large)"
+    assert len(done.stdout.splitlines()) == 2

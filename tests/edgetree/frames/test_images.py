@@ -49,7 +49,7 @@ BAD = {
         np.arange(48 * 64, dtype=np.uint16).reshape(48, 64),
         "contains 3071 values other than 0: expected one per tree, 1 to 100",
     ),
-    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is not in a lossless format"),
+    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is JPEG, not in a lossless format"),
 }
 
 
@@ -58,6 +58,14 @@ def test_files_that_are_not_masks_are_rejected(tmp_path: Path, case: str) -> Non
     name, values, message = BAD[case]
     with pytest.raises(InputError, match=message):
         read_masks(_write(tmp_path / name, values), (64, 48))
+
+
+def test_the_content_says_whether_a_mask_is_lossless(tmp_path: Path) -> None:
+    (tmp_path / "m.png").write_bytes(_write(tmp_path / "a.jpg", _mask()).read_bytes())
+    with pytest.raises(InputError, match=r"m\.png is JPEG, not in a lossless format"):
+        read_masks(tmp_path / "m.png", (64, 48))
+    (tmp_path / "m.mask").write_bytes(_write(tmp_path / "a.png", _mask()).read_bytes())
+    assert read_masks(tmp_path / "m.mask", (64, 48)).numbers == (7, 200)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from rig_drives import panning_drive
 from edgetree.frames.frame import Frame
 from edgetree.rig_check.checks import RigCheck
 from edgetree.rig_check.stream import StreamCounts
-from edgetree.sources.source import REMARKS
+from edgetree.sources.source import DEPTH_PLACED_BY_GUESS, REMARKS
 
 
 def checks_of(frames: list[Frame], **source_counts: int) -> dict[str, RigCheck]:
@@ -74,11 +74,17 @@ def test_what_the_source_left_out_counts() -> None:
     assert "9 colour without depth" in checks["frames left out"].reason
 
 
-@pytest.mark.parametrize("remark", sorted(REMARKS))
+@pytest.mark.parametrize("remark", sorted(REMARKS - {DEPTH_PLACED_BY_GUESS}))
 def test_remarks_on_frames_that_were_used_do_not_count(remark: str) -> None:
     checks = checks_of(panning_drive(4), **{remark: 40})
     assert failing(checks) == set()
     assert checks["frames left out"].value == 0
+
+
+def test_depth_from_an_unknown_place_is_a_fault_of_few_frames_too() -> None:
+    checks = checks_of(panning_drive(1), **{DEPTH_PLACED_BY_GUESS: 1})
+    assert failing(checks) == {"depth from an unknown place"}
+    assert "other lenses" in checks["depth from an unknown place"].reason
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def test_16_bit_depth_has_a_scale() -> None:
 
 
 def test_float_depth_in_millimetres_is_refused_by_name() -> None:
-    expected = r"depth of frame 0 is floating point .* looks like millimetres: divide by 1000, or"
+    expected = r"depth of frame 0 is floating point .* looks like millimetres: give the unit"
     with pytest.raises(InputError, match=expected):
         frame(depth=metres() * 1000)
     scaled = frame(depth=metres().astype(np.float64) * 1000, depth_scale_m=0.001).depth_m
@@ -96,7 +96,12 @@ def test_the_camera_is_scaled_to_the_image() -> None:
         ({"image": picture()[..., :2]}, r"has shape \(48, 64, 2\) of uint8"),
         ({"colour_order": "gbr"}, "colour_order is 'gbr': expected 'bgr' or 'rgb'"),
         ({"depth": np.zeros((24, 32), np.uint16)}, "is 32x24 px: expected 64x48 px, like its"),
-        ({"depth": np.zeros((48, 64), np.int32)}, "of int32: expected"),
+        ({"depth": np.zeros((48, 64), np.uint8)}, "holds integers of 8 bits, whose unit"),
+        ({"depth": np.zeros((48, 64), bool)}, "of bool: expected"),
+        ({"depth": np.zeros((48, 64), complex)}, "of complex128: expected"),
+        ({"depth": metres(), "depth_scale_m": 1e300}, "depth_scale_m is 1e.300: expected"),
+        ({"depth": metres(), "depth_kind": "radius"}, "depth_kind is radius: expected depth"),
+        ({"depth": metres(), "depth_kind": "range"}, "is a range along the rays: expected the"),
         ({"depth": metres(), "depth_scale_m": 0}, "depth_scale_m is 0: expected"),
         ({"depth": metres(), "depth_scale_m": -1.0}, "depth_scale_m is -1.0: expected"),
         ({"up_camera": (0, 0, 0)}, "up_camera is .* not all 0"),

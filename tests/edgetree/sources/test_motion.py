@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -206,3 +207,83 @@ def test_depth_that_cannot_be_registered_is_a_fault(bags: Any, tmp_path: Path) -
     assert live.depth_fault is not None
     assert "tf has no transform between them: expected aligned depth" in live.depth_fault
     assert source.counts["depth not aligned"] == 1
+
+
+@pytest.mark.parametrize("value", [1e6, 1e200, 1e308, np.inf, -np.inf, np.nan, 1e-200])
+@pytest.mark.parametrize("where", ["acceleration", "turn"])
+@pytest.mark.filterwarnings("error")
+def test_an_imu_out_of_range_gives_frames_without_gravity(
+    bags: Any, tmp_path: Path, value: float, where: str
+) -> None:
+    frame = bags.small_frame()
+    push = (value, value, value) if where == "acceleration" else (0.0, -9.8, 0.0)
+    turn = (0.0, value, 0.0) if where == "turn" else (0.0, 0.0, 0.0)
+    with bags.BagFile(tmp_path) as bag:
+        for number in range(3):
+            stamp = bags.START_NS + number * bags.PERIOD_NS
+            bag.imu("/imu", push, stamp, bags.FRAME, turn)
+            bag.image(bags.COLOUR, frame.image, stamp)
+    source = open_recording(bag.path)
+    frames = list(source)
+    assert len(frames) == 3
+    if where == "turn" and value == 1e-200:
+        assert frames[0].up_camera is not None
+        return
+    assert [live.up_camera for live in frames] == [None] * 3
+    assert source.counts["without gravity"] == 3
+    assert source.counts["IMU samples out of range"] == 3
+
+
+def test_single_samples_out_of_range_do_not_turn_gravity() -> None:
+    gravity = GravityFilter()
+    for number in range(100):
+        push = (1e200, 0.0, 0.0) if number % 10 == 5 else (0.0, -9.8, 0.0)
+        gravity.add(number / 100, np.array(push))
+    np.testing.assert_allclose(gravity.up(0.99), [0, -1, 0], atol=1e-9)
+    assert gravity.unusable == 10
+
+
+@pytest.mark.parametrize("unit", [1.0, 1 / 9.81, 1000 / 9.81])
+def test_accelerations_in_other_units_are_used(unit: float) -> None:
+    gravity = GravityFilter()
+    gravity.add(0.0, np.array([0.0, -9.81 * unit, 0.0]))
+    np.testing.assert_allclose(gravity.up(0.0), [0, -1, 0])
+
+
+@pytest.mark.parametrize("value", [1e9, 1e200, 1e308, np.inf, np.nan])
+@pytest.mark.parametrize("where", ["place", "turn"])
+@pytest.mark.filterwarnings("error")
+def test_transforms_out_of_range_are_counted(
+    bags: Any, tmp_path: Path, value: float, where: str
+) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        place = (value, 0.0, 0.0) if where == "place" else (0.0, 0.0, 0.0)
+        transform = SimpleNamespace(translation_m=place)
+        quaternion = (0, 0, 0, value) if where == "turn" else (0, 0, 0, 1)
+        bag.tf("odom", bags.FRAME, transform, bags.START_NS, quaternion=quaternion)
+        bag.image(bags.COLOUR, frame.image, bags.START_NS)
+    source = open_recording(bag.path)
+    (live,) = source
+    assert live.pose is None
+    assert source.counts["transforms that are no rotation"] == 1
+    assert source.counts["without pose"] == 1
+
+
+@pytest.mark.parametrize("seconds", [-(2**31), 2**31 - 1])
+@pytest.mark.filterwarnings("error")
+def test_stamps_out_of_range_of_one_sensor_leave_the_others_as_they_are(
+    bags: Any, tmp_path: Path, seconds: int
+) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        for number in range(4):
+            stamp = bags.START_NS + number * bags.PERIOD_NS
+            odd = seconds * 10**9 if number == 2 else stamp
+            bag.imu("/imu", (0, -9.8, 0), odd, bags.FRAME, log_ns=stamp)
+            identity = RigidTransform.identity()
+            bag.tf("odom", bags.FRAME, identity, odd, log_ns=stamp)
+            bag.image(bags.COLOUR, frame.image, stamp)
+    frames = list(open_recording(bag.path))
+    assert len(frames) == 4
+    assert all(live.up_camera is not None for live in (frames[0], frames[3]))

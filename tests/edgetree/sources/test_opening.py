@@ -11,8 +11,12 @@ import cv2
 import pytest
 
 from basetree.errors import InputError, MissingPackage
+from calib import DepthScale
+from edgetree.frames.rig import Rig
 from edgetree.sources.live import open_live_source
 from edgetree.sources.source import SourceLost
+
+SCALE = DepthScale(1.1, 0.0, 0.001, 0.002, -0.9, 0.5, 4.0)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +98,10 @@ def test_what_is_not_there_is_named() -> None:
     ("text", "options", "expected"),
     [
         ("{images}", {"topics": {"colour": "/a"}}, "topics is given for source .*: expected it"),
-        ("{images}", {"depth_scale_m": 0.1}, "for recordings alone"),
+        ("0", {"depth_scale_m": 0.1}, "for files, recordings and drives alone"),
+        ("oak", {"rig": Rig(depth_scale_m=0.1)}, "for files, recordings and drives alone"),
+        ("0", {"rig": Rig(depth_kind="range")}, "depth_kind is given for source 0: expected"),
+        ("0", {"rig": Rig(depth_calibration=SCALE)}, "expected it for sources with depth"),
         ("{images}", {"scene": 1}, "for datasets of drives alone"),
         ("0", {"depth": Path("d")}, "depth is given for source 0: expected it for images alone"),
         ("0", {"loop": True}, "loop is given for source 0: expected it for files and recordings"),

@@ -12,6 +12,7 @@ from formats import (
     records,
     signing,
     tables,
+    videos,
 )
 
 FORMATS = (
@@ -24,4 +25,5 @@ FORMATS = (
     | records.FORMATS
     | signing.FORMATS
     | tables.FORMATS
+    | videos.FORMATS
 )

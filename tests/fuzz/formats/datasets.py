@@ -1,22 +1,53 @@
-"""Labels of pictures, and settings of the simulator."""
+"""Labels of pictures, caches and settings of datasets, logs and results of trainings."""
 
 from __future__ import annotations
 
 import json
+import tempfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
 
 from formats.form import Format
+from perceptree.data.cache import open_cache, read_cache
+from perceptree.data.coco import FrameRecord
+from perceptree.data.content import has_keypoints, is_coco
 from perceptree.data.dataset import read_labels
 from perceptree.data.layouts import LabelFile
+from perceptree.evaluation.shards import read_predictions
 from perceptree.keypoints import KEYPOINT_NAMES
+from perceptree.models import make_spec
 from perceptree.simulator import SimulatorSettings
+from perceptree.simulator.photographs import dataset_credits
 from perceptree.simulator.settings.reading import read_settings
+from perceptree.tables.build import read_tables
+from perceptree.tables.results import read_result
+from perceptree.training.plot import read_curves
 
 _SETTINGS = b'{"stand": {"stems_per_ha": [400, 500]}, "camera": {"mast_share": 0.5}}'
+_CREDITS = b'{"sha256": "a", "textures": [{"kind": "bark", "licence": "CC0", "names": ["a"]}]}'
+_RESULT = (
+    b'{"schema": "perceptree.table-run/1", "training": {}, "made": {}, "test": 1, "metrics": 2}'
+)
+_TABLES = b'{"schema": "perceptree.tables/1", "tables": {}}'
+_LOG = (
+    b'{"step": 10, "elapsed_s": 2.5, "losses": {"box": 1.5}, "rate": 0.1, "frames_per_s": 3.0,'
+    b' "waiting_share": 0.5}\n'
+    b'{"step": 10, "elapsed_s": 3.5, "val": {"box_ap": 1.5, "mask_ap": null, "keypoint_ap": 2.0}}\n'
+)
+_PREDICTIONS = (
+    b'[{"boxes": [[1, 2, 3, 4]], "scores": [0.5], "keypoints": null,'
+    b' "masks": [{"size": [4, 8], "counts": "48d0"}]}]'
+)
+_SIZE = {"width": 8, "height": 4}
 
 
-def _coco() -> bytes:
-    size = {"width": 8, "height": 4}
+def _coco(**changes: Any) -> bytes:
+    """Labels of three trees, with changed fields of each."""
     tree = {"image_id": 1, "category_id": 1, "iscrowd": 0, "area": 8}
     tree |= {"bbox": [1, 0, 2, 4], "keypoints": [1, 3, 2] * len(KEYPOINT_NAMES)}
     masks = [
@@ -25,24 +56,92 @@ def _coco() -> bytes:
         [[1, 0, 3, 0, 3, 4, 1, 4]],
     ]
     content = {
-        "images": [{"id": 1, "file_name": "0.png", **size, "camera": {"fx": 500}}],
+        "images": [{"id": 1, "file_name": "0.png", **_SIZE, "camera": {"fx": 500}}],
         "categories": [{"id": 1, "name": "tree", "keypoints": list(KEYPOINT_NAMES)}],
         "annotations": [
-            tree | {"id": number, "segmentation": mask} for number, mask in enumerate(masks)
+            tree | {"id": number, "segmentation": mask} | changes
+            for number, mask in enumerate(masks)
         ],
     }
     return json.dumps(content).encode()
 
 
-def _read_coco(path: Path) -> None:
-    dataset = read_labels(LabelFile("train", None, False, path, path.parent))
+_LABELS = (
+    _coco(),
+    _coco(iscrowd=1),
+    _coco(image_id="1", segmentation=[1, 0, 3, 0, 3, 4, 1, 4], bbox=None).replace(
+        b'"0.png"', b'"https://a.b/c/?d=trees%2F0.png"'
+    ),
+    b"\xef\xbb\xbf" + _coco(segmentation=[[1, 0, 3, 0], [1, 0, 3, 0, 3, 4]], bbox=[1, 0, 0, 4]),
+)
+
+
+def _read_coco(path: Path, keypoints: Path | None = None) -> None:
+    dataset = read_labels(LabelFile("train", None, False, path, path.parent, keypoints))
     for frame in dataset.frames:
         for tree in frame.trees:
             if tree.segmentation:
                 frame.mask(tree)
 
 
+def _join_coco(path: Path) -> int:
+    masks = path.with_name("masks.json")
+    masks.write_bytes(_coco(keypoints=[]))
+    _read_coco(masks, path)
+    return 1
+
+
+def _in_folder(name: str, read: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """Read a folder that holds the file under a name."""
+
+    def placed(path: Path) -> Any:
+        folder = path.with_name(f"with-{name}")
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_bytes(path.read_bytes())
+        return read(folder)
+
+    return placed
+
+
+@cache
+def _cache() -> tempfile.TemporaryDirectory[str]:
+    """The folder of a whole cache of one frame."""
+    folder = tempfile.TemporaryDirectory()
+    picture = Path(folder.name, "0.png")
+    cv2.imwrite(str(picture), np.zeros((40, 64, 3), np.uint8))
+    frame = FrameRecord(1, picture, None, None, 64, 40, {}, ())
+    open_cache([frame], make_spec("edge-n", "rgb", 32, 64), Path(folder.name, "cache"))
+    return folder
+
+
+def _cache_of(name: str) -> Format:
+    """A cache whose file of this name is another."""
+
+    def read(path: Path) -> Any:
+        whole = Path(_cache().name, "cache")
+        folder = path.with_name("cache")
+        folder.mkdir(exist_ok=True)
+        for file in whole.iterdir():
+            (folder / file.name).write_bytes(
+                path.read_bytes() if file.name == name else file.read_bytes()
+            )
+        found = read_cache(folder)
+        return [found[index] for index in range(len(found))] if found else []
+
+    return Format((Path(_cache().name, "cache", name).read_bytes(),), read)
+
+
 FORMATS = {
-    "coco.json": Format((_coco(),), _read_coco),
+    "coco.json": Format(_LABELS, _read_coco),
+    "keypoints.json": Format((_coco(segmentation=[]),), _join_coco),
+    "any.json": Format(_LABELS, lambda path: (is_coco(path), has_keypoints(path))),
     "settings": Format((_SETTINGS,), lambda path: read_settings(path, SimulatorSettings())),
+    "credits": Format((_CREDITS,), dataset_credits),
+    "log.jsonl": Format((_LOG,), _in_folder("log.jsonl", lambda run: read_curves(run, "run"))),
+    "predictions": Format((_PREDICTIONS,), lambda path: read_predictions(path.read_bytes(), "a")),
+    "result": Format((_RESULT,), read_result),
+    "tables": Format((_TABLES,), read_tables),
+    "cache.json": _cache_of("cache.json"),
+    "tree_starts.npy": _cache_of("tree_starts.npy"),
+    "boxes.npy": _cache_of("boxes.npy"),
 }

@@ -76,7 +76,6 @@ def _drop(row: str, index: int, field: str) -> Callable[[dict[str, Any]], None]:
 
 FAULTS = {
     "box_of_two": (_set("annotations", 0, "bbox", [1, 2]), "bbox of annotation 1 is [1, 2]"),
-    "box_empty": (_set("annotations", 0, "bbox", [1, 2, 0, 5]), "a width and height over 0"),
     "box_text": (_set("annotations", 0, "bbox", "here"), "bbox of annotation 1 is 'here'"),
     "box_nan": (_set("annotations", 0, "bbox", [1, 2, float("nan"), 4]), "4 finite numbers"),
     "box_missing": (_drop("annotations", 0, "bbox"), "bbox of annotation 1 is missing"),

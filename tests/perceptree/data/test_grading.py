@@ -42,7 +42,8 @@ def ignored_numbers(posts: Path, certain_m: float | None = None) -> list[int]:
 def test_marked_annotations_are_ignored_and_counted_aloud(
     posts: Path, edit_split: Edit, field: str, value: Any
 ) -> None:
-    change_annotations(edit_split, posts, _2={field: value}, _5={field: value}, _6={field: False})
+    marked = {field: value, "keypoints": []}
+    change_annotations(edit_split, posts, _2=marked, _5=marked, _6={field: False})
     assert ignored_numbers(posts) == [2, 5]
     notes = read_dataset(posts, "train").notes
     assert f"2 of 9 annotations are ignored: 2 by {field}" in notes
@@ -74,9 +75,9 @@ def test_keypoints_of_ignored_annotations_alone_do_not_count(posts: Path, edit_s
 
 
 def test_trees_beyond_the_certain_distance_are_ignored(posts: Path, edit_split: Edit) -> None:
-    far = {"distance_m": 8.51}
+    far, crowd = {"distance_m": 8.51}, {"iscrowd": 1, "keypoints": []}
     change_annotations(
-        edit_split, posts, _1={"distance_m": 8.5}, _2=far, _3=far | {"ignore": 1}, _4={"iscrowd": 1}
+        edit_split, posts, _1={"distance_m": 8.5}, _2=far, _3=far | {"ignore": 1}, _4=crowd
     )
     assert ignored_numbers(posts) == [3, 4]
     assert ignored_numbers(posts, 8.5) == [2, 3, 4]
@@ -116,7 +117,7 @@ def test_a_certain_distance_that_is_none_is_refused(posts: Path, certain_m: floa
 
 
 def test_a_sample_has_ignored_trees_as_boxes_alone(posts: Path, edit_split: Edit) -> None:
-    change_annotations(edit_split, posts, _2={"ignore": 1}, _3={"iscrowd": 1})
+    change_annotations(edit_split, posts, _2={"ignore": 1}, _3={"iscrowd": 1, "keypoints": []})
     frames = read_split(posts, "train")
     store = FrameStore(frames, SPEC)
     assert store.trees == 7

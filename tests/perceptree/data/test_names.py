@@ -155,7 +155,7 @@ def test_a_keypoint_far_outside_its_frame_is_not_labelled_and_counted(reread: Re
     assert first.keypoints[1, 2] == 2
     assert second.keypoints[1].tolist() == [0, 0, 0]
     assert second.keypoints[2].tolist() == [128, 72, 2]
-    assert dataset.outside == [(1, 99999, 20), (2, 40, -8)]
+    assert dataset.tally.outside == [(1, 99999, 20), (2, 40, -8)]
     assert dataset.notes == (
         "2 keypoints are outside their frame and count as not labelled, the first at x = 99999,"
         " y = 20 of annotation 1",

@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from json_faults import faults
 from safetensors.torch import save
 
+from basetree.errors import InputError
 from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
+from perceptree.models.anchors import level_anchors
+from perceptree.models.checkpoint import tensors_of
 from perceptree.models.spec import ModelSpec, SpecError
 from perceptree.models.weights.reading import read_weights
 
@@ -38,6 +42,15 @@ def write(path: Path, tensors: dict[str, torch.Tensor], **changes: Any) -> Path:
         ({"anchor_ratios": [1.0] * 1000}, "expected at most 16 each"),
         ({"std": [float("nan")]}, "std is (nan,), expected tuples of float, finite"),
         ({"mean": [10**400]}, "expected tuples of float, finite"),
+        ({"anchor_sizes_px": [[2**63], [64], [128]]}, "expected 0.01 to 65536 px"),
+        ({"anchor_sizes_px": [[1e-30], [64], [128]]}, "expected 0.01 to 65536 px"),
+        ({"anchor_ratios": [1e-300]}, "expected at least one, 0.001 to 1000"),
+        ({"std": [1e-300]}, "expected values of 1e-06 to 1e+06"),
+        ({"mean": [2**63]}, "expected values of at most 1e+06"),
+        ({"keypoint_box_scale": 1e300}, "expected 1 to 100"),
+        ({"depth_encoding": {"near_m": []}}, "depth_encoding: "),
+        ({"depth_encoding": 3}, "depth_encoding: "),
+        ({"height": 8192, "width": 8192, "anchor_ratios": [1.0] * 16}, "expected at most 20000000"),
         ({"nms_iou": "0.5"}, "nms_iou is 0.5, expected float, finite"),
         ({"masks": 1}, "masks is 1, expected bool"),
         ({"levels": [[[3]]]}, "expected tuples of int"),
@@ -53,6 +66,28 @@ def test_a_spec_out_of_range_is_named_before_a_network_is_built(
     assert message in str(caught.value)
     with pytest.raises(SpecError):
         ModelSpec.from_dict(SPEC.to_dict() | change)
+
+
+def test_any_value_of_a_spec_is_taken_or_named() -> None:
+    taken = 0
+    for what, values in faults(json.loads(json.dumps(SPEC.to_dict()))):
+        try:
+            spec = ModelSpec.from_dict(values)
+            tensors_of(spec)
+        except InputError:
+            continue
+        except Exception as error:  # noqa: BLE001 - what was changed is told
+            pytest.fail(f"{what}: {error!r}")
+        taken += 1
+        for level, sizes_px in zip(spec.levels, spec.anchor_sizes_px, strict=True):
+            anchors = level_anchors(2, 2, 2**level, sizes_px, spec.anchor_ratios)
+            assert anchors.isfinite().all(), what
+    assert taken > 20
+
+
+def test_whole_numbers_of_a_file_become_floats() -> None:
+    spec = ModelSpec.from_dict(SPEC.to_dict() | {"mean": [3], "anchor_ratios": [1, 2]})
+    assert [type(value) for value in (*spec.mean, *spec.anchor_ratios)] == [float] * 3
 
 
 def test_memory_for_weights_is_taken_after_the_check_of_the_tensors(

@@ -99,7 +99,7 @@ def test_a_split_whose_trees_are_all_ignored_is_refused(
 ) -> None:
     def ignore(content: dict[str, Any]) -> None:
         for number, annotation in enumerate(content["annotations"]):
-            annotation["ignore" if number else "iscrowd"] = 1
+            annotation.update({"ignore": 1} if number else {"iscrowd": 1, "segmentation": None})
 
     edit_split(posts, split, ignore)
     message = rf"posts: the {split} split has no tree that counts \(. of . annotations are ignored"

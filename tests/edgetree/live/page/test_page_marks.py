@@ -97,3 +97,8 @@ def test_the_events_say_how_many_recordings_there_are(serve, connect, recorder) 
         "left_out": 0,
         "is_recording": False,
     }
+
+
+def test_what_a_terminal_would_obey_is_left_out(serve, connect, recorder) -> None:
+    connect(serve(recorder=recorder)).post("/mark", body="a\x1b[2J\x07 b").status()
+    assert recorder.texts == ["a [2J b"]

@@ -58,7 +58,7 @@ def record(tmp_path: Path) -> Iterator[Callable[..., FrameRecorder]]:
 def recordings(tmp_path: Path) -> Callable[[], list[Path]]:
     """A function that returns the complete recordings, in their order."""
     folder = tmp_path / "recordings"
-    return lambda: sorted(path for path in folder.glob("*") if not path.name.startswith("."))
+    return lambda: sorted(path for path in folder.glob("*") if "unfinished" not in path.name)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import shutil
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -250,6 +251,37 @@ def test_a_camera_that_falls_silent_does_not_keep_a_recording_open(
     one.mark()
     wait_until(recordings)
     assert numbers(recordings()[0]) == [0]
+
+
+def test_a_recording_in_progress_can_be_read_so_far(record, result, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("edgetree.sinks.bag._CHUNK_S", 0.0)
+    one = record(everything=True, waits=True)
+    feed(one, result, 0, 5)  # far less than a chunk of the file
+
+    def so_far() -> list[int]:
+        (folder,) = (tmp_path / "recordings").glob("unfinished_all_*")
+        with suppress(InputError):
+            return numbers(folder)
+        return []
+
+    wait_until((tmp_path / "recordings").exists)
+    wait_until(lambda: list((tmp_path / "recordings").glob("*")))
+    wait_until(lambda: so_far() == [0, 1, 2, 3, 4])
+
+
+def test_recordings_of_one_second_by_two_processes_have_names_of_their_own(
+    record, recordings, result, monkeypatch
+) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "20261127_101530")
+    both = [record(after_s=60.0, waits=True) for _ in range(2)]
+    for number, one in enumerate(both):
+        one.write(result(number))
+        one.mark()
+        wait_until(lambda one=one: one.status.is_recording)
+    for one in both:
+        one.close()
+    assert [folder.name for folder in recordings()] == [f"mark_20261127_101530_{n}" for n in (1, 2)]
+    assert sorted(numbers(folder) for folder in recordings()) == [[0], [1]]
 
 
 def test_wrong_values_are_refused(tmp_path) -> None:

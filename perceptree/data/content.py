@@ -1,0 +1,48 @@
+"""Read JSON files, and tell label files by what they hold."""
+
+from __future__ import annotations
+
+import json
+import mmap
+from pathlib import Path
+from typing import Any
+
+from perceptree.errors import DatasetError
+
+_LISTS = ("images", "annotations", "categories")
+_KEYPOINTS = "keypoints"
+
+
+def load(path: Path) -> Any:
+    """Read a JSON file in UTF-8, UTF-16 or UTF-32, with or without a byte order mark.
+
+    Raises:
+        DatasetError: If it cannot be read or is not JSON.
+    """
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
+
+
+def is_coco(path: Path) -> bool:
+    """Whether a file names the lists images, annotations and categories, as COCO does."""
+    return _holds(path, _LISTS)
+
+
+def has_keypoints(path: Path) -> bool:
+    """Whether a file names keypoints anywhere."""
+    return _holds(path, (_KEYPOINTS,))
+
+
+def _holds(path: Path, names: tuple[str, ...]) -> bool:
+    """Whether all names stand in a file as JSON texts; takes no memory for a file in UTF-8."""
+    texts = [f'"{name}"' for name in names]
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            if b"\0" not in data[:8]:
+                return all(data.find(text.encode()) >= 0 for text in texts)
+        content = json.dumps(load(path))
+    except (OSError, ValueError, DatasetError):  # an empty file cannot be mapped
+        return False
+    return all(text in content for text in texts)

@@ -1,0 +1,98 @@
+"""Lines of strangers do nothing to a terminal or a log, whoever prints them."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+
+import pytest
+
+from basetree.errors import one_line, short_line
+from basetree.program.console import BAR_STREAM, LogNotes, note, print_found, tell
+
+HOSTILE = {
+    "line break": "a\nFAKE",
+    "carriage return": "a\rFAKE",
+    "title of the window": "a\x1b]0;owned\x07",
+    "cleared screen": "a\x1b[2J",
+    "C1 control": "a\x9b2J",
+    "next line": "a\x85FAKE",
+    "line separator": "a\u2028FAKE",
+    "direction of writing": "a\u202egpj.exe",
+    "isolated direction": "a\u2066gpj\u2069",
+    "invisible": "a\u200b\ufeff\u00adb",
+    "surrogate": "a\ud800b",
+    "zero": "a\0b",
+    "tag": "a\U000e0041b",
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_every_line_is_printed_as_one_clean_line(
+    capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    note(text)
+    tell(text)
+    print_found(False, dict, lambda: [text])
+    log = logging.Logger("of-a-stranger")  # none of pytest's, which could not send the texts
+    handler = LogNotes()
+    log.addHandler(handler)
+    log.warning("%s", text)
+    log.removeHandler(handler)
+    printed = capsys.readouterr()
+    for lines in (printed.out.split("\n"), printed.err.split("\n")):
+        assert len(lines) == 3
+        assert lines[2] == ""
+        assert all(line.isprintable() and line.startswith("a ") for line in lines[:2])
+
+
+@pytest.mark.parametrize("text", ["Fichte – ±0,5 °", "מדידה", "木.jpg", "name\udcff", "a  b"])
+def test_texts_of_all_languages_and_names_that_are_not_utf8_are_kept(text: str) -> None:
+    assert one_line(text) == short_line(text) == text
+
+
+PROGRAM = """
+import logging, sys, warnings
+from basetree.program.process import run_command_line
+def run():
+    logging.getLogger("a.library").warning("%s", {text!r})
+    raise {error}
+run_command_line("program", run)
+"""
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        ("ValueError({text!r})", 1),
+        ("OSError(2, 'No such file', {text!r})", 2),
+        ("__import__('basetree.errors').errors.InputError({text!r})", 2),
+    ],
+)
+def test_logs_and_errors_of_a_program_are_clean(error: str, code: int) -> None:
+    text = "\x1b[2J\x9b\u202e" + "name"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(text=text, error=error.format(text=text))],
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONUTF8": "1"},
+    )
+    assert done.returncode == code
+    lines = done.stderr.decode().split("\n")
+    assert all(line.isprintable() for line in lines)
+    assert sum("name" in line for line in lines if "raise" not in line) >= 2
+
+
+def test_a_progress_bar_outlives_its_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Dead:
+        def write(self, text: str) -> int:
+            raise OSError(5, "Input/output error")
+
+        def flush(self) -> None:
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(sys, "stderr", Dead())
+    assert BAR_STREAM.write("50 %") == 4
+    BAR_STREAM.flush()

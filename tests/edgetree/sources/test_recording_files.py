@@ -1,0 +1,191 @@
+"""Names, packings and leftovers of recordings: what lies on a machine after a drive or a crash."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from basetree.errors import InputError
+from edgetree.sources.bags.names import is_bag
+from edgetree.sources.bags.recording import open_recording
+
+zstandard = pytest.importorskip("zstandard")
+
+Writer = Callable[..., Path]
+
+
+def storage(path: Path) -> Path:
+    """The file with the messages."""
+    if path.is_file():
+        return path
+    return next(file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+
+
+def packed(file: Path, name: str, folder: Path) -> Path:
+    target = folder / name
+    target.write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
+    return target
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a.bag", "a.bag.active", "a.BAG", "a.mcap", "a.mcap.zstd", "a.db3.zst", "a.mcap.active"],
+)
+def test_names_of_recordings(tmp_path: Path, name: str) -> None:
+    assert is_bag(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.zstd", "a.active", "a.png", "bag", "a.bag.txt", "a.jpg.zstd"])
+def test_names_of_other_files(tmp_path: Path, name: str) -> None:
+    assert not is_bag(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["drive.bag.active", "drive.bag", "no_suffix.mcap"])
+def test_the_first_bytes_decide_and_not_the_name(
+    write_bag: Writer, tmp_path: Path, name: str
+) -> None:
+    file = write_bag("ros1")
+    renamed = file.rename(tmp_path / name)
+    assert len(list(open_recording(renamed))) == 5
+
+
+def test_split_bags_are_one_recording_in_the_order_of_time(bags: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for part in (10, 2, 1):  # 10 comes last, whatever the letters say
+        with bags.BagFile(folder, "ros1", f"drive_{part}") as bag:
+            for number in range(3):
+                stamp = bags.START_NS + (part * 3 + number) * bags.PERIOD_NS
+                bag.image(bags.COLOUR, bags.small_frame(part).image, stamp)
+    assert is_bag(folder)
+    frames = list(open_recording(folder))
+    assert len(frames) == 9
+    times = [frame.time_s for frame in frames]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_a_file_that_metadata_lists_and_that_is_missing_is_told(
+    bags: Any, write_bag: Writer, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write_bag(kind)
+    metadata = path / "metadata.yaml"
+    name = storage(path).name
+    listed = metadata.read_text().replace(name, "gone.mcap")
+    metadata.write_text(listed)
+    source = open_recording(path)
+    assert len(list(source)) == 5
+    assert source.counts["files missing"] == 1
+    assert "its file gone.mcap is missing" in caplog.text
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
+def test_a_packed_file_is_read_alone(write_bag: Writer, tmp_path: Path, kind: str) -> None:
+    file = storage(write_bag(kind))
+    target = packed(file, f"alone{file.suffix}.zstd", tmp_path)
+    assert len(list(open_recording(target))) == 5
+    assert [path.name for path in tmp_path.glob("alone*")] == [target.name]
+
+
+def test_a_packed_file_in_its_folder(write_bag: Writer) -> None:
+    path = write_bag("mcap")
+    file = storage(path)
+    packed(file, f"{file.name}.zstd", path)
+    assert len(list(open_recording(path))) == 5  # not twice, with both there
+    file.unlink()
+    source = open_recording(path)
+    assert len(list(source)) == 5
+    assert not source.counts["files missing"]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_messages_that_are_packed_one_by_one(bags: Any, tmp_path: Path, kind: str) -> None:
+    class Packing(bags.BagFile):
+        def write(self, topic: str, kind: str, message: Any, log_ns: int) -> None:
+            self.add_topic(topic, kind)
+            data = zstandard.ZstdCompressor().compress(
+                bytes(self.store.serialize_cdr(message, kind))
+            )
+            self._writer.write(self._connections[topic], log_ns, data)
+
+    with Packing(tmp_path, kind) as bag:
+        for number in range(3):
+            stamp = bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, bags.small_frame(number).image, stamp)
+    frames = list(open_recording(storage(bag.path)))
+    assert len(frames) == 3
+    np.testing.assert_array_equal(frames[1].image, bags.small_frame(1).image)
+
+
+def crashed(path: Path, folder: Path) -> Path:
+    """A database of which half of the messages are only in the log beside it."""
+    file = storage(path)
+    target = folder / "crashed.db3"
+    shutil.copy(file, target)
+    database = sqlite3.connect(target)
+    half = database.execute("SELECT COUNT(*) / 2 FROM messages").fetchone()[0]
+    rows = database.execute("SELECT * FROM messages ORDER BY id").fetchall()
+    database.execute("DELETE FROM messages WHERE id > ?", (rows[half - 1][0],))
+    database.commit()
+    database.execute("PRAGMA journal_mode=WAL")
+    database.execute("PRAGMA wal_autocheckpoint=0")
+    places = ",".join("?" * len(rows[0]))
+    database.executemany(f"INSERT INTO messages VALUES ({places})", rows[half:])
+    database.commit()
+    copies = [Path(f"{target}{end}").read_bytes() for end in ("", "-wal")]
+    database.close()  # which would empty the log
+    for end in ("-wal", "-shm"):
+        Path(f"{target}{end}").unlink(missing_ok=True)
+    for end, content in zip(("", "-wal"), copies, strict=True):
+        Path(f"{target}{end}").write_bytes(content)
+    return target
+
+
+def test_the_log_beside_a_database_is_read_and_the_files_stay(
+    write_bag: Writer, tmp_path: Path
+) -> None:
+    folder = tmp_path / "crash"
+    folder.mkdir()
+    file = crashed(write_bag("sqlite3", 10), folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    folder.chmod(0o500)
+    try:
+        source = open_recording(file)
+        assert len(list(source)) == 10
+    finally:
+        folder.chmod(0o700)
+    assert source.counts["end missing"] == 1
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.mcap", b"\x1f\x8b" + bytes(50), "packed by gzip, expected it unpacked"),
+        ("a.bag", b"\x04\x22\x4d\x18" + bytes(50), "packed by lz4"),
+        ("a.db3", b"PK\x03\x04" + bytes(50), "a zip archive"),
+        ("a.bag", bytes(50), "expected a ROS 1 bag, ROS 2 bag or MCAP file"),
+        ("a.mcap.zstd", b"nothing", "expected a ROS 1 bag, ROS 2 bag or MCAP file"),
+        ("a.mcap.zstd", b"\x28\xb5\x2f\xfd" + bytes(50), "cannot be read"),
+        ("a.svo2", bytes(50), "a recording of a ZED camera"),
+        ("a.rrd", bytes(50), "a recording of Rerun"),
+    ],
+)
+def test_what_is_not_read_is_named(tmp_path: Path, name: str, content: bytes, told: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=told) as refused:
+        open_recording(path)
+    assert str(path) in str(refused.value)
+
+
+def test_a_file_that_is_packed_twice_is_refused(write_bag: Writer, tmp_path: Path) -> None:
+    once = packed(storage(write_bag("mcap")), "a.mcap.zstd", tmp_path)
+    with pytest.raises(InputError, match="packed twice"):
+        open_recording(packed(once, "b.mcap.zstd", tmp_path))
