@@ -45,6 +45,14 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     return (header.width, header.height) if header and header.is_whole else None
 
 
+def file_picture_size(path: Path | str) -> tuple[int, int] | None:
+    """Return width and height in px of a picture file, as `picture_size`; None if it has none."""
+    try:
+        return picture_size(read_regular(Path(path), most_picture_bytes()))
+    except OSError:
+        return None
+
+
 def checked_header(data: bytes, name: str) -> PictureHeader | None:
     """Read the header of a picture and compare its size with the limit.
 

@@ -59,13 +59,15 @@ def examine_models() -> tuple[ModelFile, ...]:
     from basetree.files.reading import file_sha256
     from edgetree.catalogue import known_models
     from edgetree.errors import SignatureError
+    from edgetree.signing.json_files import read_small_text
     from edgetree.signing.verify import parse_signature, signature_file
 
     found = []
     for model in known_models():
         try:
-            version = parse_signature(signature_file(model.path).read_bytes()).version
-        except (FileNotFoundError, SignatureError):
+            signature = read_small_text(signature_file(model.path), "a signature")
+            version = parse_signature(signature.encode()).version
+        except SignatureError:
             version = None
         found.append(ModelFile(model.name, str(model.path), file_sha256(model.path), version))
     return tuple(found)

@@ -85,8 +85,8 @@ def _test_split_names(folder: Path) -> frozenset[str]:
     try:
         images = json.loads(read_regular(path))["images"]
         return frozenset(Path(image["file_name"]).stem for image in images)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a COCO file ({error!r}), expected images in it") from error
+    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: not a COCO file ({error!r:.200}), expected images") from error
 
 
 def read_frames(paths: Sequence[Path], spec: ModelSpec) -> UInt8:

@@ -120,4 +120,5 @@ def _boundary_px(polygon: list[float]) -> float:
     The decoder takes memory for each of them, and does not survive numbers beyond 32 bits.
     """
     points = np.array([0.0, 0.0, *polygon], np.float64).reshape(-1, 2)
-    return float(np.abs(np.diff(points, axis=0)).max(1).sum())
+    with np.errstate(over="ignore"):
+        return float(np.abs(np.diff(points, axis=0)).max(1).sum())

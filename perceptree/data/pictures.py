@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import cv2
 import numpy as np
 
-from basetree.files.picture_size import picture_size
+from basetree.files.picture_size import file_picture_size
 from basetree.files.reading import orientation_note, read_image
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
@@ -23,7 +23,6 @@ _SAMPLED_IMAGES = 3
 _SEPARATORS = re.compile(r"[/\\]")
 _MOST_FOLDERS = 8  # at the end of a name
 _DEPTH_FIELDS = ("depth_file", "depth8_file")
-_HEADER_BYTES = 2**18
 
 
 class Pictures:
@@ -93,11 +92,7 @@ class Pictures:
     def give_size(self, image: dict[str, Any]) -> bool:
         """Give an image the size that its file's header states; return whether there is one."""
         path = self.find(image["file_name"])
-        try:
-            with open(path or "", "rb") as file:
-                size = picture_size(file.read(_HEADER_BYTES))
-        except (OSError, ValueError):
-            return False
+        size = None if path is None else file_picture_size(path)
         if size is not None:
             image["width"], image["height"] = size
         return size is not None

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from basetree.errors import InputError
 from calib import (
+    CameraError,
     PinholeCamera,
     RigidTransform,
     depth_to_points,
@@ -55,7 +56,7 @@ def cameras(
     fx = width * draw(st.floats(0.55, 1.5))
     model, terms = draw(st.sampled_from(lenses))
     scatter = draw(st.lists(st.floats(0.5, 1.5), min_size=len(terms), max_size=len(terms)))
-    return PinholeCamera(
+    values = (
         width,
         height,
         fx,
@@ -66,6 +67,20 @@ def cameras(
         model,
         draw(st.floats(0, 3)),
     )
+    try:  # some of these terms together fold back at the corners, or are no lens at all
+        camera = PinholeCamera(*values)
+        small(camera)
+    except CameraError:
+        reject()
+    if not has_rays_everywhere(camera):
+        reject()
+    return camera
+
+
+def has_rays_everywhere(camera: PinholeCamera) -> bool:
+    corners_px = np.array([(x, y) for x in (0, camera.width) for y in (0, camera.height)], float)
+    back_px = project_points(camera, pixels_to_rays(camera, corners_px))
+    return bool(np.abs(back_px - corners_px).max() < 1e-6)
 
 
 def small(camera: PinholeCamera) -> PinholeCamera:

@@ -168,7 +168,6 @@ def test_16_bits_without_a_name_are_grey_if_there_is_no_colour(bags: Any, tmp_pa
     [
         b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(100),  # JPEG 2000
         b"P6 60000 60000 255\n" + bytes(100),
-        b"GIF89a" + bytes(100),
         b"#?RADIANCE\n\n-Y 60000 +X 60000\n",
     ],
 )

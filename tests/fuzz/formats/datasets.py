@@ -12,8 +12,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from edgetree.export.frames import _test_split_names
 from formats.form import Format
-from perceptree.data.cache import open_cache, read_cache
+from perceptree.data.cache import _key_in, open_cache, read_cache
+from perceptree.data.check.pictures import _read
 from perceptree.data.coco import FrameRecord
 from perceptree.data.content import has_keypoints, is_coco
 from perceptree.data.dataset import read_labels
@@ -22,6 +24,8 @@ from perceptree.evaluation.shards import read_predictions
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import make_spec
 from perceptree.simulator import SimulatorSettings
+from perceptree.simulator.dataset.frozen import _label_figures
+from perceptree.simulator.dataset.generate import _digest_in
 from perceptree.simulator.photographs import dataset_credits
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.tables.build import read_tables
@@ -103,6 +107,17 @@ def _in_folder(name: str, read: Callable[[Path], Any]) -> Callable[[Path], Any]:
     return placed
 
 
+def _key_of(path: Path) -> object:
+    folder = path.with_name("key")
+    folder.mkdir(exist_ok=True)
+    (folder / "cache.json").write_bytes(path.read_bytes())
+    return (_key_in(folder),)
+
+
+def _figures(folder: Path) -> object:
+    return _test_split_names(folder), _label_figures(folder)
+
+
 @cache
 def _cache() -> tempfile.TemporaryDirectory[str]:
     """The folder of a whole cache of one frame."""
@@ -131,7 +146,21 @@ def _cache_of(name: str) -> Format:
     return Format((Path(_cache().name, "cache", name).read_bytes(),), read)
 
 
+def _checked(path: Path) -> object:
+    """Decode a picture as `perceptree data check` does."""
+    return [_read(path, flag)[1] for flag in (cv2.IMREAD_COLOR, cv2.IMREAD_UNCHANGED)]
+
+
+_PICTURES = tuple(
+    cv2.imencode(suffix, np.zeros((4, 8, 3), np.uint8))[1].tobytes() for suffix in (".png", ".jpg")
+)
+_SIMULATED = b'{"images": [{"file_name": "a.jpg"}], "annotations": [{"visible_fraction": 0.5}]}'
+
 FORMATS = {
+    "checked": Format(_PICTURES, _checked),
+    "cache.key": Format((Path(_cache().name, "cache", "cache.json").read_bytes(),), _key_of),
+    "simulated": Format((_SIMULATED,), _in_folder("test_RGB.json", _figures)),
+    "digest": Format((b'{"sha256": "00"}',), lambda path: (_digest_in(path),)),
     "coco.json": Format(_LABELS, _read_coco),
     "keypoints.json": Format((_coco(segmentation=[]),), _join_coco),
     "any.json": Format(_LABELS, lambda path: (is_coco(path), has_keypoints(path))),

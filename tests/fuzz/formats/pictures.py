@@ -9,6 +9,7 @@ import numpy as np
 
 import calib
 from basetree.files import check_picture_size
+from basetree.files.picture_size import file_picture_size
 from basetree.files.reading import is_image_file, orientation_note, read_picture
 from edgetree.frames.images import read_colour, read_masks
 from formats.form import Format
@@ -47,8 +48,8 @@ _PICTURES = (
 _DEPTHS = (
     _encoded(".png", _DEPTH),
     _encoded(".tif", _DEPTH),
-    _encoded(".tif", _DEPTH.astype(np.float32)),
-    _encoded(".pfm", _DEPTH.astype(np.float32)),
+    _encoded(".tif", _DEPTH.astype(np.float32) / 1000),
+    _encoded(".pfm", _DEPTH.astype(np.float32) / 1000),
     _encoded(".pgm", _DEPTH),
 )
 _TEXTURE = np.full((_TEXTURE_PX, _TEXTURE_PX, 3), 90, np.uint8)
@@ -59,6 +60,7 @@ def _read_everything(path: Path) -> object:
     is_image_file(path)
     orientation_note(path)
     check_picture_size(path)
+    file_picture_size(path)
     picture = read_picture(path, cv2.IMREAD_UNCHANGED)
     return None if picture is None else picture.upright()
 

@@ -98,7 +98,7 @@ def _foxglove(write: Callable[..., None]) -> bytes:
 _FOXGLOVE = (_foxglove(mcap_files.foxglove_json), _foxglove(mcap_files.foxglove_protobuf))
 
 FORMATS = {
-    "recording.bag": Format((_recording("ros1"),), _read_recording),
+    "recording.bag": Format((_recording("ros1"), _recording("ros1")[:-40]), _read_recording),
     "recording.mcap": Format((_recording("mcap"), _pictures(), _video()), _read_recording),
     "depth.rvl": Format((rvl(bag_files.small_frame().depth),), _read_rvl),
     "recording.db3": Format((_recording("sqlite3"),), _read_recording),
