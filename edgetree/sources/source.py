@@ -22,13 +22,16 @@ REMARKS: Final = frozenset(
         "IMU samples out of range",
         "transforms that are no rotation",
         "end missing",
+        "files missing",
         "ended early",
         "broken video frames",
     }
 )
 """Names in `FrameSource.counts` that are remarks, on frames that were used or on the source."""
 
-INCOMPLETE: Final = frozenset({"ended early", "broken video frames"})
+INCOMPLETE: Final = frozenset(
+    {"end missing", "files missing", "ended early", "broken video frames"}
+)
 """Remarks on a source of which a part could not be read."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import sqlite3
 import tempfile
@@ -14,7 +15,8 @@ from urllib.parse import quote
 from basetree.files.limits import current_limits
 from edgetree.sources.bags.storage import Channel, Stored
 
-SQLITE_MAGIC: Final = b"SQLite format 3\0"
+_log = logging.getLogger(__name__)
+
 _LOGS: Final = ("-wal", "-journal")
 _TEXTS: Final = {"name": 1, "type": 2, "serialization_format": 3}
 
@@ -34,9 +36,10 @@ class SqliteFile:
 
     def __init__(self, path: Path) -> None:
         logs = [log for log in (Path(f"{path}{end}") for end in _LOGS) if _has_content(log)]
-        self.is_cut_off = bool(logs)
+        self.is_cut_off = False  # the log has what the database lacks
         self._folder = None
         if logs:
+            _log.info("%s was not closed: it is read with %s", path, logs[0].name)
             self._folder = tempfile.TemporaryDirectory(prefix="edgetree-")
             for file in (path, *logs):
                 shutil.copyfile(file, Path(self._folder.name, file.name))
