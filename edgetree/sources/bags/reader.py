@@ -80,8 +80,8 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        check_packages()
         files = recording_files(path)
+        check_packages()
         self.missing = missing_files(path)
         self._stack = ExitStack()
         self._files: list[Storage] = []
