@@ -22,6 +22,8 @@ ABSENT = (
     "cryptography",
     "av",
     "rosbags",
+    "mcap",
+    "zstandard",
     "small_gicp",
     "ray",
     "fsspec",
