@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from basetree.files.regular import read_regular
 from basetree.program.console import note, print_json
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import quoted
@@ -114,6 +113,8 @@ class ShardedFrames:
 
     def identity(self) -> dict[str, Any]:
         """The options that decide on the results, with the content of files by SHA-256."""
+        from basetree.files.regular import read_regular
+
         files = {
             name: None if path is None else hashlib.sha256(read_regular(path)).hexdigest()
             for name, path in self.rig_options.files(self.camera).items()
