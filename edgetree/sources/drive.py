@@ -14,6 +14,7 @@ import calib
 from basetree.errors import InputError
 from basetree.files.json import decode
 from basetree.files.names import is_inside
+from basetree.files.regular import open_regular
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 from edgetree.frames.rig import Rig, unit_vector
@@ -163,7 +164,7 @@ def _drives(folder: Path) -> dict[int, list[_Image]]:
 
 def _read_labels(path: Path) -> _Labels:
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             content = stream.read(_LARGEST_LABELS_BYTES + 1)
         if len(content) > _LARGEST_LABELS_BYTES:
             raise InputError(f"it has more than {_LARGEST_LABELS_BYTES} bytes")

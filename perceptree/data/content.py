@@ -7,6 +7,7 @@ import mmap
 from pathlib import Path
 from typing import Any
 
+from basetree.files.regular import open_regular, read_regular
 from perceptree.errors import DatasetError
 
 _LISTS = ("images", "annotations", "categories")
@@ -20,7 +21,7 @@ def load(path: Path) -> Any:
         DatasetError: If it cannot be read or is not JSON.
     """
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(read_regular(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
 
@@ -39,7 +40,10 @@ def _holds(path: Path, names: tuple[str, ...]) -> bool:
     """Whether all names stand in a file as JSON texts; takes no memory for a file in UTF-8."""
     texts = [f'"{name}"' for name in names]
     try:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        with (
+            open_regular(path) as file,
+            mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+        ):
             if b"\0" not in data[:8]:
                 return all(data.find(text.encode()) >= 0 for text in texts)
         content = json.dumps(load(path))

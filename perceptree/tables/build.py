@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from basetree.errors import SettingsError
+from basetree.files.regular import read_regular
 from basetree.files.writing import write_text
 from perceptree.errors import CheckpointError
 from perceptree.tables.page import markdown
@@ -87,7 +88,7 @@ def read_tables(path: Path) -> Record:
     if not path.exists():
         return {"schema": _SCHEMA, "tables": {}}
     try:
-        known = json.loads(path.read_text("utf-8"))
+        known = json.loads(read_regular(path))
         if known["schema"] == _SCHEMA and markdown(known["tables"]):
             return dict(known)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):

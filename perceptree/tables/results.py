@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from basetree.files.regular import read_regular
 from basetree.files.writing import write_text
 from perceptree.data import FrameStore
 from perceptree.data.coco import FrameRecord
@@ -203,7 +204,7 @@ def read_result(path: Path) -> Result | None:
     if not path.exists():
         return None
     try:
-        result = json.loads(path.read_text("utf-8"))
+        result = json.loads(read_regular(path))
         if result["schema"] == _SCHEMA and {"training", "made", "test", "metrics"} <= set(result):
             return dict(result)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):

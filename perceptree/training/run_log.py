@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from basetree.files.regular import read_regular
 from perceptree.errors import CheckpointError
 
 LOG_NAME = "log.jsonl"
@@ -65,7 +66,7 @@ def read_log(out: Path) -> list[dict[str, Any]]:
     """
     path = out / LOG_NAME
     try:
-        lines = path.read_text("utf-8").splitlines()
+        lines = read_regular(path).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CheckpointError(
             f"{path}: cannot be read ({error}), expected the folder of a training"

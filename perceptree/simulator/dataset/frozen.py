@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from basetree.files.regular import read_regular
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.plan import settings_sha256
 from perceptree.simulator.dataset.splits import SPLITS
@@ -196,7 +197,7 @@ def _label_figures(directory: Path) -> tuple[float, list[float]]:
         path = directory / f"{split}_RGB.json"
         if path.exists():
             try:
-                content: dict[str, Any] = json.loads(path.read_text("utf-8"))
+                content: dict[str, Any] = json.loads(read_regular(path))
                 frames += len(content["images"])
                 visible += [float(tree["visible_fraction"]) for tree in content["annotations"]]
             except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from basetree.errors import SettingsError
+from basetree.files.regular import read_regular
 from perceptree.errors import DatasetError
 from perceptree.simulator.settings import SimulatorSettings
 
@@ -136,7 +137,7 @@ def dataset_credits(settings_file: Path) -> list[dict[str, Any]]:
         DatasetError: If the file cannot be read.
     """
     try:
-        content = json.loads(settings_file.read_text("utf-8"))
+        content = json.loads(read_regular(settings_file))
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"{settings_file}: cannot be read ({error}), expected a dataset's settings.json"
@@ -213,7 +214,7 @@ def _sha256(root: Path, photographs: tuple[Photograph, ...]) -> str:
     files |= {file for photo in photographs if (file := _licence_file(root, photo))}
     digest = hashlib.sha256()
     for name, file in sorted((path.relative_to(root).as_posix(), path) for path in files):
-        content = hashlib.sha256(file.read_bytes()).hexdigest()
+        content = hashlib.sha256(read_regular(file)).hexdigest()
         digest.update(name.encode("utf-8", "surrogateescape") + f"\0{content}\0".encode())
     return digest.hexdigest()
 
@@ -224,7 +225,11 @@ def _credits(root: Path, photographs: tuple[Photograph, ...]) -> tuple[dict[str,
         key = photo.kind, photo.source
         if key not in by_source:
             file = _licence_file(root, photo)
-            licence = NO_LICENCE if file is None else _licence(file.read_text("utf-8", "replace"))
+            licence = (
+                NO_LICENCE
+                if file is None
+                else _licence(read_regular(file).decode("utf-8", "replace"))
+            )
             by_source[key] = {"kind": key[0], "source": key[1], "licence": licence, "names": []}
         by_source[key]["names"].append(photo.name)
     return tuple(by_source.values())

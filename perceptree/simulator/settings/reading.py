@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from basetree.errors import SettingsError
+from basetree.files.regular import read_regular
 from perceptree.simulator.settings.tree import SimulatorSettings
 
 Node = TypeVar("Node")
@@ -27,7 +28,7 @@ def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
         SettingsError: If the file cannot be read, or a name or value is wrong.
     """
     try:
-        values = json.loads(path.read_bytes())
+        values = json.loads(read_regular(path))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
