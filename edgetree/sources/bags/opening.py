@@ -51,6 +51,12 @@ def recording_files(path: Path) -> list[Path]:
     return files
 
 
+def empty_files(path: Path) -> list[str]:
+    """Names of the files of a folder that hold nothing, as a crash leaves them."""
+    files = storage_files(path) if path.is_dir() else []
+    return [file.name for file in files if not file.stat().st_size]
+
+
 def missing_files(path: Path) -> list[str]:
     """Names of the files that the metadata.yaml of a folder lists and that are not there."""
     metadata = path / "metadata.yaml"

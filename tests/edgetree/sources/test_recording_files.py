@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap_files import Ros1InMcap
 
 from basetree.errors import InputError
 from edgetree.sources.bags.names import is_bag
@@ -189,3 +190,45 @@ def test_a_file_that_is_packed_twice_is_refused(write_bag: Writer, tmp_path: Pat
     once = packed(storage(write_bag("mcap")), "a.mcap.zstd", tmp_path)
     with pytest.raises(InputError, match="packed twice"):
         open_recording(packed(once, "b.mcap.zstd", tmp_path))
+
+
+def test_an_empty_part_of_a_split_recording_is_told(
+    bags: Any, write_bag: Writer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    shutil.copy(storage(write_bag("mcap")), folder / "drive_0.mcap")
+    (folder / "drive_1.mcap").touch()
+    source = open_recording(folder)
+    assert len(list(source)) == 5
+    assert source.counts["files empty"] == 1
+    assert "its file drive_1.mcap is empty" in caplog.text
+
+
+def test_a_file_without_its_end_is_read_up_to_a_broken_chunk(bags: Any, tmp_path: Path) -> None:
+    path = tmp_path / "crashed.mcap"
+    with Ros1InMcap(path, chunk_size=10_000) as bag:
+        for number in range(8):
+            frame, stamp = bags.small_frame(number), bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, frame.image, stamp)
+    content = path.read_bytes()
+    half = len(content) // 2
+    # As a disk leaves it that wrote the length of a file, and not all of its blocks.
+    path.write_bytes(content[:half] + bytes(len(content) - half))
+    source = open_recording(path)
+    assert 2 <= len(list(source)) <= 5
+    assert source.counts["end missing"] == 1
+
+
+def test_a_first_message_that_is_broken_does_not_cost_its_topic(bags: Any, tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    with Ros1InMcap(path) as bag:
+        schema = ("sensor_msgs/Image", "ros1msg", b"")
+        bag.mcap.add(bags.DEPTH, schema, "ros1", b"\1\2", bags.START_NS - 1)
+        for number in range(3):
+            frame, stamp = bags.small_frame(number), bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, frame.image, stamp)
+            bag.image(bags.DEPTH, frame.depth, stamp, "16UC1")
+    source = open_recording(path)
+    assert [frame.depth_m is not None for frame in source] == [True] * 3
+    assert source.counts["unreadable messages"] == 1
