@@ -19,9 +19,9 @@ from mcap.opcode import Opcode
 
 from basetree.files.limits import current_limits
 from edgetree.sources.bags.bounded import Budget, TooLarge, is_crc_wrong, open_bounded
+from edgetree.sources.bags.names import MCAP_MAGIC
 from edgetree.sources.bags.storage import Channel, Stored, normal_type
 
-MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD: Final = struct.Struct("<BQ")  # of a record: its kind and the length of its content
 _MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _FOOTER_BYTES: Final = _HEAD.size + 20

@@ -178,6 +178,11 @@ def _accelerates(message: Any | None) -> bool:
 
 
 def _no_images(bag: Bag, pictures: list[ImageTopic], modality: Modality) -> str:
+    if bag.is_cut_off and not bag.topics:
+        return (
+            f"recording {bag.path} cannot be read: its end is missing, and no part before it is"
+            " complete"
+        )
     wanted = {"both": "images", "rgb": "colour images", "depth": "depth images"}[modality]
     found = [f"{each.name} ({each.kind.encoding}){_reason(each)}" for each in pictures]
     found = found or [f"{name} ({stored(topic)})" for name, topic in bag.topics.items()]

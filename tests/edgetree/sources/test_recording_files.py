@@ -232,3 +232,36 @@ def test_a_first_message_that_is_broken_does_not_cost_its_topic(bags: Any, tmp_p
     source = open_recording(path)
     assert [frame.depth_m is not None for frame in source] == [True] * 3
     assert source.counts["unreadable messages"] == 1
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+@pytest.mark.parametrize("name", ["no_suffix", "drive.dat", "drive.bag.orig", "drive.mcap.part"])
+def test_a_recording_of_any_name_is_told_by_its_first_bytes(
+    write_bag: Writer, tmp_path: Path, kind: str, name: str
+) -> None:
+    file = shutil.copy(storage(write_bag(kind)), tmp_path / name)
+    assert is_bag(file)
+    (tmp_path / "other.dat").write_bytes(b"something else")
+    assert not is_bag(tmp_path / "other.dat")
+
+
+@pytest.mark.parametrize("end", ["gz", "lz4", "bz2", "xz", "zip"])
+def test_recordings_packed_by_other_programs_are_told(tmp_path: Path, end: str) -> None:
+    magic = {"gz": b"\x1f\x8b", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
+    others = {"xz": b"\xfd7zXZ", "zip": b"PK\x03\x04"}
+    path = tmp_path / f"drive.mcap.{end}"
+    path.write_bytes((magic | others)[end] + bytes(20))
+    assert is_bag(path)
+    with pytest.raises(InputError, match=r"it is (packed by|a zip).*expected it unpacked"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+def test_a_file_of_which_nothing_is_complete_is_told(
+    write_bag: Writer, tmp_path: Path, kind: str
+) -> None:
+    content = storage(write_bag(kind)).read_bytes()
+    path = tmp_path / f"cut.{'bag' if kind == 'ros1' else 'mcap'}"
+    path.write_bytes(content[:6000])
+    with pytest.raises(InputError, match="its end is missing, and no part before it is complete"):
+        open_recording(path)
