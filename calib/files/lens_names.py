@@ -23,6 +23,8 @@ _MODELS = (
     dict.fromkeys(_NONE, "") | dict.fromkeys(_RADTAN, RADTAN) | dict.fromkeys(_FISHEYE, FISHEYE)
 )
 _OTHER_FORMULAS = ("inverse brown conrady", "modified brown conrady", "ftheta", "f theta")
+# Words of lenses of other formulas that bend light with terms of 0 too.
+_WIDE = re.compile(r"fish|kannala|equidist|equirect|spher|cylind|omni|\bmei\b|\btheta\b")
 _PREFIX = re.compile(r"^(rs2[ ._])?distortion[ ._]|^sensor[ ._]")
 _FISHEYE_TERMS = 4
 
@@ -30,8 +32,8 @@ _FISHEYE_TERMS = 4
 def lens_of(field: str, name: Any, terms: Sequence[float]) -> tuple[str, tuple[float, ...]]:
     """Return the distortion model and its terms for a tool's name of the model.
 
-    Terms of 0 are no distortion, whatever the name. Only a fisheye lens bends light with terms of 0
-    too.
+    Terms of 0 are no distortion, whatever the name. Only fisheye lenses and other wide ones bend
+    light with terms of 0 too.
 
     Args:
         field: The field with the name, for messages.
@@ -40,14 +42,15 @@ def lens_of(field: str, name: Any, terms: Sequence[float]) -> tuple[str, tuple[f
 
     Raises:
         CameraError: If the name is unknown, or that of a model with other formulas, and terms are
-            not 0.
+            not 0; or the name is that of a wide lens that is not known.
     """
     plain = _plain(name)
     model = None if plain is None else _MODELS.get(plain)
     if model == FISHEYE:
         extra = terms[_FISHEYE_TERMS:]
         return FISHEYE, tuple(terms if any(extra) else terms[:_FISHEYE_TERMS])
-    if isinstance(name, str | None) and not any(terms):
+    is_wide = plain is not None and plain not in _OTHER_FORMULAS and _WIDE.search(plain)
+    if isinstance(name, str | None) and not any(terms) and not is_wide:
         return RADTAN, ()
     if plain in _OTHER_FORMULAS:
         raise CameraError(

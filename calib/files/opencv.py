@@ -7,12 +7,12 @@ One camera under names such as camera_matrix, or the cameras of a pair under nam
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.camera import PinholeCamera
 from calib.distortion import FISHEYE, RADTAN
-from calib.files.fields import Values, camera, flag, matrix, numbers, one_of, size
+from calib.files.fields import Values, camera, flag, matrix, numbers, one_of, size, tell_choice
 from calib.files.lens_names import lens_of
 
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix")
@@ -28,6 +28,7 @@ _TERMS = (
 _SIDE = r"(?P<before>left|right|l|r|)(?P<what>{})(?P<after>left|right|l|r|\d|)"
 _SIDED_MATRIX = re.compile(_SIDE.format("m|k|mtx|cameramatrix|intrinsics?|intrinsicmatrix"))
 _SIDED_TERMS = re.compile(_SIDE.format("d|dist|distcoeffs?|distortion(coefficients|coeffs)?"))
+_FISHEYE_TERMS = 4
 _WORDS = {"l": "left", "r": "right"}
 
 
@@ -40,12 +41,19 @@ def find(values: Values) -> dict[str, Values]:
 def build(values: Values) -> PinholeCamera:
     """Create the camera; `fisheye_model` 1 means the fisheye model."""
     model = FISHEYE if flag(values, "fisheye_model") else RADTAN
-    return camera(
-        size(values),
-        matrix(values, one_of(values, *_MATRIX)),
-        numbers(values, one_of(values, *_TERMS)),
-        model,
-    )
+    terms = numbers(values, one_of(values, *_TERMS))
+    _tell_if_unsure(values, terms)
+    return camera(size(values), matrix(values, one_of(values, *_MATRIX)), terms, model)
+
+
+def _tell_if_unsure(values: Values, terms: Sequence[float]) -> None:
+    """Tell that four terms may be those of either model, if the file names none."""
+    is_named = any(name in values for name in ("fisheye_model", "distortion_model"))
+    if len(terms) == _FISHEYE_TERMS and any(terms) and not is_named:
+        tell_choice(
+            "its 4 terms are taken for k1 k2 p1 p2, as it names no model; of a fisheye lens it"
+            " needs the line fisheye_model: 1"
+        )
 
 
 def find_sides(values: Values) -> dict[str, Values]:
@@ -92,6 +100,7 @@ def _is_matrix(value: Any) -> bool:
 def build_side(values: Values) -> PinholeCamera:
     """Create the camera of one side; a `distortion_model` is used if there is one."""
     terms = numbers(values, values["terms"])
+    _tell_if_unsure(values, terms)
     model, lens = lens_of("distortion_model", values.get("distortion_model", "radtan"), terms)
     if flag(values, "fisheye_model"):
         model, lens = FISHEYE, terms

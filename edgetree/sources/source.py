@@ -22,6 +22,7 @@ REMARKS: Final = frozenset(
         "IMU samples out of range",
         "transforms that are no rotation",
         "end missing",
+        "files empty",
         "files missing",
         "ended early",
         "broken video frames",
@@ -30,7 +31,7 @@ REMARKS: Final = frozenset(
 """Names in `FrameSource.counts` that are remarks, on frames that were used or on the source."""
 
 INCOMPLETE: Final = frozenset(
-    {"end missing", "files missing", "ended early", "broken video frames"}
+    {"end missing", "files empty", "files missing", "ended early", "broken video frames"}
 )
 """Remarks on a source of which a part could not be read."""
 

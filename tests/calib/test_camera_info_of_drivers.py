@@ -72,6 +72,15 @@ def test_a_fisheye_lens_of_0_still_bends() -> None:
 
 
 @pytest.mark.parametrize(
+    "name",
+    ["omni", "mei", "double_sphere", "thin_prism_fisheye", "Kannala Brandt 8", "equirectangular"],
+)
+def test_other_wide_lenses_bend_with_terms_of_0_too(name: str) -> None:
+    with pytest.raises(CameraError, match="expected plumb_bob"):
+        ros.build_message(message(distortion_model=name, d=[0.0] * 5))
+
+
+@pytest.mark.parametrize(
     ("name", "expected"),
     [
         ("Inverse Brown Conrady", "have another meaning"),

@@ -251,3 +251,23 @@ def test_what_is_not_read_says_what_to_give(
     tmp_path: Path, text: str, name: str | None, message: str
 ) -> None:
     assert_refused(tmp_path, text, name, message)
+
+
+@pytest.mark.parametrize("names", [("K", "D"), ("M1", "D1"), ("camera_matrix", "dist_coeffs")])
+def test_four_terms_without_a_model_are_told(
+    tmp_path: Path, names: tuple[str, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """OpenCV's programs for fisheye lenses save four terms too, and name no model."""
+    values = {
+        names[0]: [[600, 0, 320], [0, 600, 240], [0, 0, 1]],
+        names[1]: [[0.01], [0.02], [0.003], [0.001]],
+        "width": 640,
+        "height": 480,
+    }
+    path = write(tmp_path, "camera.json", json.dumps(values))
+    assert load_camera(path).distortion == (0.01, 0.02, 0.003, 0.001)
+    assert "its 4 terms are taken for k1 k2 p1 p2" in caplog.text
+    caplog.clear()
+    path = write(tmp_path, "camera.json", json.dumps(values | {"fisheye_model": 1}))
+    assert load_camera(path).distortion_model == "fisheye"
+    assert "4 terms" not in caplog.text

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import calib
 from basetree.errors import InputError
+from calib.files.fields import choices_of
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
@@ -77,7 +78,8 @@ class Assembly:
         """Take a message that is no picture."""
         if topic in self._cameras:
             infos = self._cameras[topic]
-            infos.add(message)
+            with choices_of(f"recording {self._path}: topic {topic}"):
+                infos.add(message)
             if infos.error is not None:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
@@ -200,7 +202,8 @@ class Assembly:
         infos = self._cameras.get(topic)
         if infos is None:
             return None
-        camera = infos.camera(*size_px)
+        with choices_of(f"recording {self._path}: topic {topic}"):
+            camera = infos.camera(*size_px)
         if infos.error is not None:
             self._say(f"topic {topic}: {infos.error}")
         if camera is not None and infos.size_from_pictures:

@@ -18,6 +18,10 @@ _PART_BYTES: Final = 2**20
 _MOST_TIMES: Final = 1000
 
 
+class TooLarge(ValueError):
+    """What unpacks to more than `Limits` allows."""
+
+
 class Budget:
     """Bytes that may be unpacked from one file.
 
@@ -42,7 +46,7 @@ class Budget:
         """
         largest = current_limits().recording_chunk_bytes
         if size is not None and size > largest:
-            raise ValueError(
+            raise TooLarge(
                 f"a chunk has {size} bytes, expected at most {largest}, the limit"
                 " recording_chunk_bytes"
             )
@@ -60,7 +64,7 @@ class Budget:
         """
         self._left -= size
         if self._left < 0:
-            raise ValueError(f"it unpacks to more than {_MOST_TIMES} times its size")
+            raise TooLarge(f"it unpacks to more than {_MOST_TIMES} times its size")
 
 
 def _parts(data: bytes, kind: str, most: int) -> Iterator[bytes]:
@@ -69,7 +73,7 @@ def _parts(data: bytes, kind: str, most: int) -> Iterator[bytes]:
     for part in _unpacked_parts(data, kind, most):
         total += len(part)
         if total > most:
-            raise ValueError(f"a chunk has more than {most} bytes, as stated or allowed")
+            raise TooLarge(f"a chunk has more than {most} bytes, as stated or allowed")
         yield part
 
 

@@ -72,7 +72,7 @@ class LensChoice:
     """Which lens of a message with distortion was taken.
 
     Attributes:
-        is_rectified: Whether it is that of the rectified pictures.
+        is_rectified: Whether the pictures are called rectified.
         camera: What was taken.
     """
 
@@ -81,6 +81,11 @@ class LensChoice:
 
     def __str__(self) -> str:
         focal = f"focal length {self.camera.fx:.1f} px"
+        if self.is_rectified and self.camera.distortion:
+            return (
+                "called rectified, and P of CameraInfo is 0: its lens is K and D,"
+                f" {focal}, with distortion"
+            )
         if self.is_rectified:
             return f"called rectified: its lens is P of CameraInfo, {focal}, without distortion"
         return f"not called rectified: its lens is K and D of CameraInfo, {focal}, with distortion"
@@ -135,8 +140,8 @@ class CameraInfos:
         except calib.CameraError as error:
             self.error = str(error)
             return None
-        if any(_values(message)["d"]):
-            self.choice = LensChoice(self._is_rectified and not camera.distortion, camera)
+        if any(_values(message)["d"]) and (self._is_rectified or camera.distortion):
+            self.choice = LensChoice(self._is_rectified, camera)
         return camera
 
     def camera(self, width: int, height: int) -> calib.PinholeCamera | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from edgetree.sources.bags.camera_info import may_fit, same_lens
+from edgetree.sources.bags.encodings import depth_names
 from edgetree.sources.bags.messages import (
     IMAGE_TYPES,
     PictureKind,
@@ -14,7 +15,7 @@ from edgetree.sources.bags.messages import (
     kind_of_picture,
     without_transport,
 )
-from edgetree.sources.bags.reader import Bag
+from edgetree.sources.bags.reader import Bag, Topic
 from edgetree.sources.bags.topic_words import depth_by_name
 
 _log = logging.getLogger(__name__)
@@ -57,7 +58,7 @@ def find_image_topics(bag: Bag) -> list[ImageTopic]:
         message = bag.first(name)
         if message is None:
             reason = "is empty" if topic.count == 0 else "cannot be decoded"
-            _log.warning("recording %s: topic %s %s", bag.path, name, reason)
+            _log.warning("recording %s: topic %s (%s) %s", bag.path, name, stored(topic), reason)
             continue
         size = (int(message.width), int(message.height)) if hasattr(message, "step") else None
         picture = ImageTopic(name, kind_of_picture(message, name), frame_of(message), size)
@@ -68,13 +69,23 @@ def find_image_topics(bag: Bag) -> list[ImageTopic]:
     return pictures
 
 
-def warn_of_left_out(bag: Bag, pictures: list[ImageTopic], lacking: list[str]) -> None:
+def stored(topic: Topic) -> str:
+    """The type of a topic as it is stored, with its encoding if that is not ROS's own."""
+    channel = topic.channels[0]
+    own = channel.encoding in ("cdr", "ros1")
+    return channel.message_type if own else f"{channel.message_type} in {channel.encoding}"
+
+
+def warn_of_left_out(
+    bag: Bag, pictures: list[ImageTopic], lacking: list[str], colour: str | None
+) -> None:
     """Name the topics of pictures that are not read.
 
     Args:
         bag: The recording.
         pictures: Its topics of pictures.
         lacking: The roles for which no topic was found; if empty, nothing is said.
+        colour: The topic that is read as colour.
     """
     if not lacking:
         return
@@ -88,6 +99,14 @@ def warn_of_left_out(bag: Bag, pictures: list[ImageTopic], lacking: list[str]) -
         for name, topic in bag.topics.items()
         if topic.message_type.endswith(_PICTURE_LIKE) and topic.message_type not in IMAGE_TYPES
     ]
+    if "depth" in lacking:
+        left += [
+            f"{each.name} ({each.kind.encoding}) is left out: it has 8 bits, expected"
+            f" {depth_names()}"
+            for each in pictures
+            if each.kind.role == "grey" and each.name != colour
+            if depth_by_name([each.base])[0] == "depth"
+        ]
     absent = " and no ".join(lacking)
     for line in left:
         _log.warning("recording %s has no %s; topic %s", bag.path, absent, line)

@@ -18,10 +18,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from basetree.files.limits import current_limits
-from edgetree.sources.bags.bounded import Budget, is_crc_wrong, open_bounded
+from edgetree.sources.bags.bounded import Budget, TooLarge, is_crc_wrong, open_bounded
+from edgetree.sources.bags.names import MCAP_MAGIC
 from edgetree.sources.bags.storage import Channel, Stored, normal_type
 
-MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD: Final = struct.Struct("<BQ")  # of a record: its kind and the length of its content
 _MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _FOOTER_BYTES: Final = _HEAD.size + 20
@@ -175,12 +175,25 @@ class McapFile:
             yield Stored(channel, log_ns, data)
 
     def _contents(self) -> Iterator[tuple[int, bytes]]:
-        """Kind and content of the records in the order of the file, those in chunks included."""
+        """Kind and content of the records in the order of the file, those in chunks included.
+
+        A file without its end is read up to a chunk that is broken: a disk may know the length of
+        a file and not have written all of it when the power fails.
+        """
+        is_first = True
         for record in self._records(len(MCAP_MAGIC), self._file.size):
             if record.kind in _END_KINDS:
                 return
             if record.kind == Opcode.CHUNK:
-                yield from self._chunk(record)
+                try:
+                    yield from self._chunk(record)
+                except TooLarge:
+                    raise
+                except Exception:  # of many kinds, by how the chunk is packed
+                    if self.is_cut_off and not is_first:
+                        return
+                    raise
+                is_first = False
             elif record.kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                 yield record.kind, self._content(record)
 

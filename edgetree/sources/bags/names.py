@@ -1,12 +1,17 @@
-"""Which files and folders are recordings, by their names."""
+"""Which files and folders are recordings, by their names and first bytes."""
 
 import re
 from pathlib import Path
 from typing import Final
 
+from basetree.files.regular import open_regular
+
+MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
+ROS1_MAGIC: Final = b"#ROSBAG "
 BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
 # A file that is still written, or was when the power failed, and one that rosbag2 has packed.
 _MORE_SUFFIXES: Final = (".active", ".zstd", ".zst")
+_PACKED_SUFFIXES: Final = (".gz", ".bz2", ".lz4", ".xz", ".zip")  # which are not read
 _NUMBER: Final = re.compile(r"(\d+)")
 _ZED: Final = "a recording of a ZED camera: export it to pictures and depth by ZED's tools"
 _OTHER_RECORDINGS: Final = {
@@ -22,10 +27,25 @@ _OTHER_RECORDINGS: Final = {
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a recording by its name, or by the names in its folder."""
+    """Whether a path looks like a recording by its name, its start, or the names in its folder.
+
+    One that is packed in a way that is not read counts too, so that it is refused as such.
+    """
     if path.is_dir():
         return (path / "metadata.yaml").is_file() or bool(storage_files(path))
-    return is_storage_name(path)
+    if path.suffix.lower() in _PACKED_SUFFIXES and is_storage_name(path.with_suffix("")):
+        return True
+    return is_storage_name(path) or _starts_as_one(path)
+
+
+def _starts_as_one(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        with open_regular(path) as file:
+            return file.read(len(MCAP_MAGIC)).startswith((MCAP_MAGIC, ROS1_MAGIC))
+    except OSError:
+        return False
 
 
 def is_storage_name(path: Path) -> bool:

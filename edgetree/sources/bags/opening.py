@@ -12,11 +12,15 @@ from basetree.errors import InputError, MissingPackage, install_hint
 from basetree.files.reading import read_text
 from calib.files.yaml_text import parse_yaml
 from edgetree.sources.bags.bounded import ZSTD_MAGIC, Budget, open_bounded, zstd_parts
-from edgetree.sources.bags.names import BAG_SUFFIXES, other_recording, storage_files
+from edgetree.sources.bags.names import (
+    BAG_SUFFIXES,
+    MCAP_MAGIC,
+    ROS1_MAGIC,
+    other_recording,
+    storage_files,
+)
 from edgetree.sources.bags.storage import Channel, Storage, Stored
 
-_MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
-_ROS1_MAGIC: Final = b"#ROSBAG "
 _SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _OTHER_MAGICS: Final = {
     b"\x1f\x8b": "packed by gzip",
@@ -49,6 +53,12 @@ def recording_files(path: Path) -> list[Path]:
             " with .active or .zstd"
         )
     return files
+
+
+def empty_files(path: Path) -> list[str]:
+    """Names of the files of a folder that hold nothing, as a crash leaves them."""
+    files = storage_files(path) if path.is_dir() else []
+    return [file.name for file in files if not file.stat().st_size]
 
 
 def missing_files(path: Path) -> list[str]:
@@ -84,11 +94,11 @@ def open_storage(path: Path, shown: Path | None = None) -> Storage:
     if start.startswith(ZSTD_MAGIC):
         return _Unpacked(path)
     try:
-        if start.startswith(_MCAP_MAGIC):
+        if start.startswith(MCAP_MAGIC):
             from edgetree.sources.bags.mcap_file import McapFile
 
             return McapFile(path)
-        if start.startswith(_ROS1_MAGIC):
+        if start.startswith(ROS1_MAGIC):
             from edgetree.sources.bags.ros1_file import Ros1File
 
             return Ros1File(path)

@@ -7,18 +7,26 @@ import logging
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
 from edgetree.sources.bags import realsense_sdk
 from edgetree.sources.bags.decoding import TF_TYPE, Decoder, known_type
-from edgetree.sources.bags.opening import missing_files, open_storage, recording_files
+from edgetree.sources.bags.opening import (
+    empty_files,
+    missing_files,
+    open_storage,
+    recording_files,
+)
 from edgetree.sources.bags.storage import Channel, Storage
 
 __all__ = ["TF_TYPE", "Bag", "BrokenRecording", "Message", "Topic"]
 
 _log = logging.getLogger(__name__)
+
+_FIRST: Final = 10  # messages that are tried, if the first of a topic is broken
 
 
 class BrokenRecording(InputError):
@@ -71,6 +79,7 @@ class Bag:
         topics: The topics by name.
         is_cut_off: Whether the end of a file is missing, and what is there is read.
         missing: Names of files that belong to the recording and are not there.
+        empty: Names of its files that hold nothing.
         duration_ns: Time from the first to the last message, ns.
 
     Raises:
@@ -82,7 +91,7 @@ class Bag:
         self.path = path
         files = recording_files(path)
         check_packages()
-        self.missing = missing_files(path)
+        self.missing, self.empty = missing_files(path), empty_files(path)
         self._stack = ExitStack()
         self._files: list[Storage] = []
         with _named_errors(path):
@@ -131,9 +140,10 @@ class Bag:
                 yield Message(topics[channel], log_ns, data, channel)
 
     def first(self, name: str) -> Any | None:
-        """The first message of a topic, decoded; None if it has none that can be decoded."""
-        message = next(self.messages([name]), None) if self.topics[name].count else None
-        return None if message is None else self.decode(message)
+        """The first message of a topic that can be decoded; None if none of the first ones can."""
+        messages = self.messages([name]) if self.topics[name].count else iter(())
+        contents = (self.decode(message) for message in islice(messages, _FIRST))
+        return next((content for content in contents if content is not None), None)
 
     def decode(self, message: Message) -> Any | None:
         """Decode a message; None if its bytes do not fit its type.

@@ -92,6 +92,9 @@ class _Recording(BaseSource):
             for name in bag.missing:
                 self.counts["files missing"] += 1
                 _log.warning("recording %s: its file %s is missing", path, name)
+            for name in bag.empty:
+                self.counts["files empty"] += 1
+                _log.warning("recording %s: its file %s is empty", path, name)
             if bag.is_cut_off:
                 self.counts["end missing"] += 1
                 _log.warning("recording %s: its end is missing: what is there is read", path)

@@ -64,7 +64,9 @@ class Ros1File:
         self.is_cut_off = source.is_cut_off
         self._reader = _BoundedReader(source)
         self._reader.open()
-        self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
+        self.start_ns, self.end_ns = 2**63 - 1, 0
+        if self._reader.connections:  # none is there if not one chunk is complete
+            self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
         self._by_connection = {
             connection.id: Channel(
                 connection.topic, connection.msgtype, "ros1", connection.msgcount

@@ -66,12 +66,10 @@ def missing_index(file: BinaryIO, size: int) -> Index | None:
     if first is None or first.kind != _BAG or _has_index(file, first, size):
         return None
     chunks = _chunks(file, first.end, size)
-    if not chunks:
-        return None
     tail, connections = _connections(file, chunks, Budget(size))
     for chunk in chunks:
         tail += _chunk_info(chunk)
-    end = chunks[-1].end
+    end = chunks[-1].end if chunks else first.end
     counts = {b"conn_count": struct.pack("<I", connections)}
     counts |= {b"chunk_count": struct.pack("<I", len(chunks)), b"index_pos": struct.pack("<Q", end)}
     return Index(ROS1_MAGIC + _record(first.header | counts, _rest(first)), end, tail)

@@ -16,6 +16,7 @@ from edgetree.sources.bags.image_topics import (
     camera_topic,
     find_image_topics,
     listed,
+    stored,
     warn_of_left_out,
 )
 from edgetree.sources.bags.messages import IMAGE_TYPES, TRANSPORTS
@@ -89,7 +90,8 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
         raise InputError(_no_images(bag, pictures, modality))
     wanted = {"rgb": ("colour",), "depth": ("depth",)}.get(modality, ("colour", "depth"))
     chosen = {"colour": colour, "depth": depth}
-    warn_of_left_out(bag, pictures, [role for role in wanted if chosen[role] is None])
+    lacking = [role for role in wanted if chosen[role] is None]
+    warn_of_left_out(bag, pictures, lacking, colour)
     by_name = {picture.name: picture for picture in pictures}
     return Streams(
         colour,
@@ -176,9 +178,14 @@ def _accelerates(message: Any | None) -> bool:
 
 
 def _no_images(bag: Bag, pictures: list[ImageTopic], modality: Modality) -> str:
+    if bag.is_cut_off and not bag.topics:
+        return (
+            f"recording {bag.path} cannot be read: its end is missing, and no part before it is"
+            " complete"
+        )
     wanted = {"both": "images", "rgb": "colour images", "depth": "depth images"}[modality]
     found = [f"{each.name} ({each.kind.encoding}){_reason(each)}" for each in pictures]
-    found = found or [f"{name} ({topic.message_type})" for name, topic in bag.topics.items()]
+    found = found or [f"{name} ({stored(topic)})" for name, topic in bag.topics.items()]
     return (
         f"recording {bag.path} has no {wanted}: expected a topic of sensor_msgs/Image or"
         f" CompressedImage; it has {listed(found) or 'no topics'}"

@@ -67,6 +67,24 @@ def test_nothing_is_said_of_a_lens_without_distortion(
     assert "rectified" not in caplog.text
 
 
+def test_a_rectified_picture_without_p_has_k_and_d_and_a_line_says_so(
+    write: Write, caplog: pytest.LogCaptureFixture
+) -> None:
+    (frame,) = open_recording(write("/cam/image_rect", BENT, p=np.zeros(12)))
+    assert frame.camera == BENT
+    assert "topic /cam/image_rect is called rectified, and P of CameraInfo is 0" in caplog.text
+    assert "its lens is K and D, focal length 60.0 px, with distortion" in caplog.text
+
+
+def test_p_alone_is_told_with_its_topic_and_not_as_k_and_d(
+    write: Write, caplog: pytest.LogCaptureFixture
+) -> None:
+    (frame,) = open_recording(write("/cam/image_raw", BENT, p=P, k=np.zeros(9)))
+    assert frame.camera == OF_P
+    assert "topic /cam/camera_info: k is all 0: taken for rectified pictures" in caplog.text
+    assert "K and D of CameraInfo" not in caplog.text
+
+
 @pytest.mark.parametrize("name", ["image_raw", "image_rect"])
 def test_a_message_without_a_size_has_that_of_the_pictures(
     write: Write, caplog: pytest.LogCaptureFixture, name: str

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from mcap_files import McapOf
 
 from basetree.errors import InputError
 from edgetree.sources.bags.recording import open_recording
@@ -144,6 +145,31 @@ def test_pictures_of_other_types_are_named(
         bag.add_topic("/stereo/disparity", kind)
     open_recording(bag.path)
     assert f"topic /stereo/disparity is left out: it is of {kind}, expected sensor_" in caplog.text
+
+
+@pytest.mark.parametrize("encoding", ["8UC1", "mono8"])
+def test_depth_of_8_bits_is_named(
+    bags: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture, encoding: str
+) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        bag.image(bags.COLOUR, frame.image, bags.START_NS)
+        bag.image(bags.DEPTH, (frame.depth // 30).astype(np.uint8), bags.START_NS, encoding)
+    (live,) = open_recording(bag.path)
+    assert live.depth_m is None
+    line = f"topic {bags.DEPTH} ({encoding}) is left out: it has 8 bits, expected 16UC1, mono16"
+    assert f"has no depth; {line}" in caplog.text
+
+
+@pytest.mark.parametrize(("schema", "encoding"), [("foxglove.RawImage", "cbor"), ("my.A", "json")])
+def test_messages_of_another_encoding_are_named_with_it(
+    tmp_path: Path, schema: str, encoding: str
+) -> None:
+    path = tmp_path / "drive.mcap"
+    with McapOf(path) as mcap:
+        mcap.add("/cam/depth", (schema, "", b""), encoding, b"{}", 1)
+    with pytest.raises(InputError, match=rf"/cam/depth \({schema} in {encoding}"):
+        open_recording(path)
 
 
 def test_nothing_is_said_if_nothing_lacks(write: Write, caplog: pytest.LogCaptureFixture) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap_files import Ros1InMcap
 
 from basetree.errors import InputError
 from edgetree.sources.bags.names import is_bag
@@ -189,3 +190,78 @@ def test_a_file_that_is_packed_twice_is_refused(write_bag: Writer, tmp_path: Pat
     once = packed(storage(write_bag("mcap")), "a.mcap.zstd", tmp_path)
     with pytest.raises(InputError, match="packed twice"):
         open_recording(packed(once, "b.mcap.zstd", tmp_path))
+
+
+def test_an_empty_part_of_a_split_recording_is_told(
+    bags: Any, write_bag: Writer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    shutil.copy(storage(write_bag("mcap")), folder / "drive_0.mcap")
+    (folder / "drive_1.mcap").touch()
+    source = open_recording(folder)
+    assert len(list(source)) == 5
+    assert source.counts["files empty"] == 1
+    assert "its file drive_1.mcap is empty" in caplog.text
+
+
+def test_a_file_without_its_end_is_read_up_to_a_broken_chunk(bags: Any, tmp_path: Path) -> None:
+    path = tmp_path / "crashed.mcap"
+    with Ros1InMcap(path, chunk_size=10_000) as bag:
+        for number in range(8):
+            frame, stamp = bags.small_frame(number), bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, frame.image, stamp)
+    content = path.read_bytes()
+    half = len(content) // 2
+    # As a disk leaves it that wrote the length of a file, and not all of its blocks.
+    path.write_bytes(content[:half] + bytes(len(content) - half))
+    source = open_recording(path)
+    assert 2 <= len(list(source)) <= 5
+    assert source.counts["end missing"] == 1
+
+
+def test_a_first_message_that_is_broken_does_not_cost_its_topic(bags: Any, tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    with Ros1InMcap(path) as bag:
+        schema = ("sensor_msgs/Image", "ros1msg", b"")
+        bag.mcap.add(bags.DEPTH, schema, "ros1", b"\1\2", bags.START_NS - 1)
+        for number in range(3):
+            frame, stamp = bags.small_frame(number), bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, frame.image, stamp)
+            bag.image(bags.DEPTH, frame.depth, stamp, "16UC1")
+    source = open_recording(path)
+    assert [frame.depth_m is not None for frame in source] == [True] * 3
+    assert source.counts["unreadable messages"] == 1
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+@pytest.mark.parametrize("name", ["no_suffix", "drive.dat", "drive.bag.orig", "drive.mcap.part"])
+def test_a_recording_of_any_name_is_told_by_its_first_bytes(
+    write_bag: Writer, tmp_path: Path, kind: str, name: str
+) -> None:
+    file = shutil.copy(storage(write_bag(kind)), tmp_path / name)
+    assert is_bag(file)
+    (tmp_path / "other.dat").write_bytes(b"something else")
+    assert not is_bag(tmp_path / "other.dat")
+
+
+@pytest.mark.parametrize("end", ["gz", "lz4", "bz2", "xz", "zip"])
+def test_recordings_packed_by_other_programs_are_told(tmp_path: Path, end: str) -> None:
+    magic = {"gz": b"\x1f\x8b", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
+    others = {"xz": b"\xfd7zXZ", "zip": b"PK\x03\x04"}
+    path = tmp_path / f"drive.mcap.{end}"
+    path.write_bytes((magic | others)[end] + bytes(20))
+    assert is_bag(path)
+    with pytest.raises(InputError, match=r"it is (packed by|a zip).*expected it unpacked"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+def test_a_file_of_which_nothing_is_complete_is_told(
+    write_bag: Writer, tmp_path: Path, kind: str
+) -> None:
+    content = storage(write_bag(kind)).read_bytes()
+    path = tmp_path / f"cut.{'bag' if kind == 'ros1' else 'mcap'}"
+    path.write_bytes(content[:6000])
+    with pytest.raises(InputError, match="its end is missing, and no part before it is complete"):
+        open_recording(path)
