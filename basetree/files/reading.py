@@ -166,7 +166,7 @@ def decode_picture(
     check_memory(header, name, *_decoded_kind(header, flags))
     if flags != cv2.IMREAD_UNCHANGED:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
-    if header.format_name == "TIFF" and header.orientation != UPRIGHT:
+    if header.format_name.startswith("TIFF") and header.orientation != UPRIGHT:
         content = as_stored(content)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)

@@ -102,7 +102,9 @@ def encode_depth(depth_m: Float, encoding: DepthEncoding) -> UInt8:
     low, high = sorted((encoding.near_value, encoding.far_value))
     per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
     offset = encoding.near_value - encoding.near_m * per_m
-    grey = cv2.addWeighted(metres, per_m, metres, 0.0, offset, dtype=cv2.CV_8U)
+    # Values beyond 32 bits would overflow to the other end of the range.
+    _, near = cv2.threshold(metres, encoding.far_m, 0.0, cv2.THRESH_TRUNC)
+    grey = cv2.addWeighted(near, per_m, near, 0.0, offset, dtype=cv2.CV_8U)
     grey = np.clip(grey, low, high, out=grey)
     reading = cv2.inRange(metres, _MIN_READING_M, _MAX_READING_M)  # 0 for NaN and infinity
     unknown = np.full(metres.shape, encoding.invalid_value, np.uint8)

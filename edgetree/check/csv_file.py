@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +19,7 @@ _MOST_CELLS: Final = 2_000_000
 _FEWEST_COLUMNS: Final = 8  # that a row counts as, since it takes memory itself
 _LARGEST_NUMBER: Final = 1e9  # of any unit
 _DELIMITERS: Final = (";", "\t", ",")
+_END: Final = "\0"  # a last line that no text has; an open quote swallows it
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
@@ -99,8 +100,8 @@ def read_csv(path: Path, largest_bytes: int | None = None) -> CsvFile:
     UTF-8. CRLF line ends and a first line such as "sep=;" are understood.
 
     Raises:
-        InputError: The file cannot be read, is too large, has no header or no rows, or a row has
-            more cells than the header.
+        InputError: The file cannot be read, is too large, has no header or no rows, a quote is not
+            closed, or a row has more cells than the header.
     """
     lines = io.StringIO(_text(path, largest_bytes), newline="")
     header = lines.readline()
@@ -108,11 +109,15 @@ def read_csv(path: Path, largest_bytes: int | None = None) -> CsvFile:
     if header.lower().startswith("sep="):
         header, skipped = lines.readline(), 1
     delimiter = next((each for each in _DELIMITERS if each in header), ",")
-    reader = csv.reader(chain([header], lines), delimiter=delimiter)
+    reader = csv.reader(chain([header], lines, [_END]), delimiter=delimiter)
     rows: list[Row] = []
+    begin = 1 + skipped
     try:
-        columns = _columns(path, next(reader, []))
-        for cells in filter(None, reader):
+        columns = _columns(path, _closed(path, begin, next(reader)))
+        begin = reader.line_num + skipped + 1
+        for cells in takewhile(lambda cells: cells != [_END], reader):
+            _closed(path, begin, cells)
+            begin = reader.line_num + skipped + 1
             if any(cell.strip() for cell in cells):
                 rows.append(_row(path, reader.line_num + skipped, columns, cells))
             if len(rows) * max(len(columns), _FEWEST_COLUMNS) > _MOST_CELLS:
@@ -124,6 +129,13 @@ def read_csv(path: Path, largest_bytes: int | None = None) -> CsvFile:
     if not rows:
         raise InputError(f"{path} has no rows: expected a header and a row for each stem")
     return CsvFile(path, tuple(name for name in columns if name), tuple(rows))
+
+
+def _closed(path: Path, line: int, cells: list[str]) -> list[str]:
+    """The cells of a row that begins in a line, which no open quote joins with all that follows."""
+    if cells and cells != [_END] and cells[-1].endswith(_END):
+        raise InputError(f"{path}, line {line}: a quote is not closed, expected its end")
+    return cells
 
 
 def _text(path: Path, largest_bytes: int | None) -> str:

@@ -207,10 +207,11 @@ def run(
     from edgetree.frames.pipeline import process
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink
+    from edgetree.sources.files import depth_inside
     from edgetree.sources.opening import is_stream
 
     _check(source, inputs, rig_options, outputs, shards)
-    model = model_for(inputs.model, inputs.depth)
+    model = model_for(inputs.model, inputs.depth or depth_inside(source))
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)

@@ -141,6 +141,14 @@ def has_images(folder: Path) -> bool:
     return folder.is_dir() and any(map(_is_image, folder.iterdir()))
 
 
+def depth_inside(folder: Path) -> Path | None:
+    """The folder of the depth that belongs to the images below a folder; None if there is none."""
+    if not folder.is_dir() or _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES) == folder:
+        return None
+    depth = _with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+    return None if depth == folder else depth
+
+
 def _is_image(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
@@ -151,8 +159,7 @@ def _open_folder(
     """The images of a folder, sorted by name, with their depth images."""
     root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
     if folder != root and depth is None:
-        depth = _with_files(root, DEPTH_FOLDERS, DEPTH_SUFFIXES)
-        depth = None if depth == root else depth
+        depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
     paths = sorted(filter(_is_image, folder.iterdir()))
     if not paths:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -143,9 +144,22 @@ class _PathRule:
 
     def __call__(self, name: str) -> Path:
         if self.dropped is None:
-            return self.folder / name
+            return _as_named(self.folder / name)
         parts = path_parts(name)
-        return self.folder.joinpath(*(parts[self.dropped :] or parts[-1:]))
+        return _as_named(self.folder.joinpath(*(parts[self.dropped :] or parts[-1:])))
+
+
+def _as_named(path: Path) -> Path:
+    """The path, or the file whose name has its letters composed otherwise or no percent signs.
+
+    Systems compose letters with marks differently, and tools write spaces as in addresses.
+    """
+    name = path.name
+    if (name.isascii() and "%" not in name) or os.path.isfile(path):
+        return path
+    others = (*(unicodedata.normalize(form, name) for form in ("NFC", "NFD")), unquote(name))
+    paths = (path.with_name(other) for other in others if not _SEPARATORS.search(other))
+    return next((other for other in paths if os.path.isfile(other)), path)
 
 
 def path_parts(name: str) -> list[str]:

@@ -24,6 +24,15 @@ def test_missing_readings_are_encoded_as_invalid() -> None:
     assert encode_depth(depth_m, encoding).tolist() == [[3, 3, 3, 3, 10, 10, 200, 200]]
 
 
+@pytest.mark.parametrize("encoding", [DepthEncoding(), DepthEncoding(near_value=255, far_value=0)])
+@pytest.mark.parametrize("metres", [20.0, 65504.0, 1e8, 1e10, 1e30, 3e38])
+def test_what_is_far_is_never_encoded_as_near(metres: float, encoding: DepthEncoding) -> None:
+    # Renderers write 1e10 where nothing is hit; in 32 bits that overflows.
+    grey = encode_depth(np.array([[metres, 1.0]], np.float32), encoding)
+    assert grey[0, 0] == encoding.far_value
+    assert grey[0, 1] != encoding.far_value
+
+
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 def test_rows_are_encoded_independently(dtype: type[np.floating]) -> None:
     depth_m = np.random.default_rng(0).uniform(-5, 25, (101, 7)).astype(dtype)

@@ -16,7 +16,8 @@ _SUBFILE, _SAMPLES, _ROWS_PER_STRIP, _PLANES, _DNG = 254, 277, 278, 284, 50706
 _STRIP_STARTS, _STRIP_BYTES = 273, 279
 _TILE_WIDTH, _TILE_HEIGHT, _TILE_STARTS, _TILE_BYTES = 322, 323, 324, 325
 _PREVIEW, _SEPARATE = 1, 2
-_COMPRESSIONS = (1, 5, 7, 8, 32773, 32946)  # none, LZW, JPEG, deflate, PackBits, deflate
+_JPEG = 7
+_COMPRESSIONS = (1, 5, _JPEG, 8, 32773, 32946)  # none, LZW, JPEG, deflate, PackBits, deflate
 _MOST_ENTRIES = 4096
 _RGBA_BYTES = 4  # a strip or tile is decoded as such, then made colour or grey
 _BYTES_OF = {
@@ -97,7 +98,8 @@ def read_header(data: bytes) -> PictureHeader | None:
     channels, bits = directory.one(_SAMPLES, 1), directory.all(_BITS)
     sample_bytes = (max(bits, default=1) + 7) // 8
     block_bytes = block * (channels * sample_bytes + _RGBA_BYTES)
-    return PictureHeader("TIFF", width, height, channels, sample_bytes, block_bytes, orientation)
+    name = "TIFF with JPEG" if compression == _JPEG else "TIFF"
+    return PictureHeader(name, width, height, channels, sample_bytes, block_bytes, orientation)
 
 
 def as_stored(data: bytes) -> bytes:

@@ -33,6 +33,26 @@ def measured(folder: Path, value: str = "0.3", std: str = "0.01", count: int = 3
     return path
 
 
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ('tree,diameter_cm,note\n1,30,\n2,31,"leans\n3,32,\n4,33,\n', 3),
+        ('tree,diameter_cm,note\n1,30,"a\nb"\n2,31,"leans', 4),
+        ('sep=;\ntree;diameter_cm;"note\n1;30;\n', 2),
+    ],
+)
+def test_a_quote_that_is_not_closed_never_swallows_stems(
+    tmp_path: Path, content: str, line: int
+) -> None:
+    with pytest.raises(InputError, match=rf"caliper\.csv, line {line}: a quote is not closed"):
+        read_caliper(caliper(tmp_path, content))
+
+
+def test_quotes_inside_of_cells_and_a_last_line_without_its_end_are_read(tmp_path: Path) -> None:
+    table = read_caliper(caliper(tmp_path, 'tree,diameter_cm,note\n1,30,12"\n2,"31","x"'))
+    assert [stem.values["diameter_m"].value for stem in table.stems] == [0.3, 0.31]
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig", "cp1252"])
 def test_encodings_of_spreadsheets_are_read(tmp_path: Path, encoding: str) -> None:
     mark = "\ufeff" if encoding in ("utf-16-le", "utf-16-be") else ""

@@ -45,6 +45,16 @@ def test_the_table_has_all_trees_of_all_frames(run_cli: Cli, model: Path, folder
     assert "table: trees.csv" in done.err
 
 
+def test_depth_that_is_found_in_the_folder_chooses_the_model(run_cli: Cli, folder: Path) -> None:
+    (folder / "drive").mkdir()
+    (folder / "images").rename(folder / "drive" / "rgb")
+    (folder / "depth").rename(folder / "drive" / "depth")
+    done = run_cli("run", "drive", "--camera", "camera.json")
+    assert done.code == 0, done.err
+    assert "images of drive/rgb with the depth of drive/depth" in done.err
+    assert "for depth images" in done.err
+
+
 def test_profiles_are_a_table_of_heights_and_diameters(
     run_cli: Cli, model: Path, folder: Path
 ) -> None:

@@ -68,6 +68,16 @@ def test_the_content_says_whether_a_mask_is_lossless(tmp_path: Path) -> None:
     assert read_masks(tmp_path / "m.mask", (64, 48)).numbers == (7, 200)
 
 
+def test_a_mask_in_a_tiff_is_lossless_unless_it_is_packed_as_jpeg(tmp_path: Path) -> None:
+    for compression in (1, 5, 8):
+        path = tmp_path / f"{compression}.tif"
+        cv2.imwrite(str(path), _mask(), [cv2.IMWRITE_TIFF_COMPRESSION, compression])
+        assert read_masks(path, (64, 48)).numbers == (7, 200)
+    cv2.imwrite(str(tmp_path / "m.tif"), _mask(), [cv2.IMWRITE_TIFF_COMPRESSION, 7])
+    with pytest.raises(InputError, match=r"m\.tif is TIFF with JPEG, not in a lossless format"):
+        read_masks(tmp_path / "m.tif", (64, 48))
+
+
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.png cannot be read \(No such file"):
         read_masks(tmp_path / "none.png", (64, 48))

@@ -158,6 +158,41 @@ def test_the_last_part_of_a_path_that_leads_nowhere(
     assert Check(posts).run().findings == ()
 
 
+@pytest.mark.parametrize(
+    ("stored", "named"),
+    [
+        ("B\u00e4ume {}.png", "Ba\u0308ume {}.png"),
+        ("Ba\u0308ume {}.png", "B\u00e4ume {}.png"),
+        ("tree {}.png", "tree%20{}.png"),
+        ("100%20 {}.png", "100%20 {}.png"),
+    ],
+)
+def test_names_that_tools_write_otherwise(
+    posts: Path, edit_split: Edit, stored: str, named: str
+) -> None:
+    expected = _numbers(posts)
+    paths = [frame.image_path for frame in read_split(posts, "train")]
+    for number, path in enumerate(paths):
+        path.rename(path.with_name(stored.format(number)))
+
+    def change(content: Content) -> None:
+        for number, one in enumerate(content["images"]):
+            folder = Path(one["file_name"]).parent
+            one["file_name"] = (folder / named.format(number)).as_posix()
+
+    edit_split(posts, "train", change)
+    assert _numbers(posts) == expected
+
+
+@pytest.mark.parametrize("name", ["%2e%2e%2fout.png", "..%2fout.png", "%2e%2e", "a%00.png"])
+def test_percent_signs_never_lead_out_of_the_folder(
+    posts: Path, edit_split: Edit, name: str
+) -> None:
+    shutil.copy(read_split(posts, "train")[0].image_path, posts.parent / "out.png")
+    edit_split(posts, "train", lambda content: content["images"][0].update(file_name=name))
+    assert not read_split(posts, "train")[0].image_path.is_file()
+
+
 def test_equal_names_in_two_folders_stay_two_pictures(posts: Path, edit_split: Edit) -> None:
     def change(content: Content) -> None:
         for number, image in enumerate(content["images"]):
