@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -33,6 +33,8 @@ from edgetree.sources.videos import VideoFrames, is_picture
 _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
+# Not the digits after a decimal point, such as those of time stamps.
+_LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
 
 def open_source(
@@ -156,12 +158,12 @@ def _is_image(path: Path) -> bool:
 def _open_folder(
     folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
 ) -> FrameSource:
-    """The images of a folder, sorted by name, with their depth images."""
+    """The images of a folder, in the order of their numbers or names, with their depth images."""
     root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
-    paths = sorted(filter(_is_image, folder.iterdir()))
+    paths = _in_order(filter(_is_image, folder.iterdir()))
     if not paths:
         raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
     depths: list[Path | None] = [None] * len(paths)
@@ -179,6 +181,17 @@ def _open_folder(
         depths = [depth / name for name in paired.names]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
     return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+
+
+def _in_order(paths: Iterable[Path]) -> list[Path]:
+    """Sort by name, or by the last number if the names differ in it alone: 2 is before 10."""
+    by_name = sorted(paths)
+    found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
+    numbers = [int(match[2]) for match in found if match is not None]
+    others = {(match[1], match[3]) for match in found if match is not None}
+    if len(numbers) < len(by_name) or len(others) != 1:
+        return by_name
+    return [path for _, path in sorted(zip(numbers, by_name, strict=True))]
 
 
 def _with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:

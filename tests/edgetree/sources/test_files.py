@@ -33,6 +33,24 @@ def test_images_with_depth_and_a_rig(images: Path) -> None:
     assert not source.is_live
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["frame1.png", "frame2.png", "frame10.png"],
+        ["1_rgb.png", "9_rgb.png", "10_rgb.png"],
+        ["0001.png", "0002.png", "0010.png"],
+        ["1700.85.png", "1700.9.png"],  # time stamps: decimals are no whole numbers
+        ["10.png", "9.png", "start.png"],
+    ],
+)
+def test_pictures_of_a_drive_are_in_the_order_of_their_numbers(
+    tmp_path: Path, names: list[str]
+) -> None:
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), np.zeros((48, 64, 3), np.uint8))
+    assert [frame.path.name for frame in open_files(tmp_path)] == names
+
+
 def test_an_image_that_cannot_be_read_is_counted(images: Path) -> None:
     (images / "a.jpg").write_bytes(b"no image")
     source = open_files(images)
