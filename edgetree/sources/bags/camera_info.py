@@ -8,12 +8,17 @@ from typing import Any, Final
 
 import calib
 from calib.files import ros
+from calib.files.fields import tell_choice
 
 _NO_SIZE: Final = (0, 0)
 
 
 def camera_of_message(
-    message: Any, *, is_rectified: bool = False, size_px: tuple[int, int] = _NO_SIZE
+    message: Any,
+    *,
+    is_rectified: bool = False,
+    size_px: tuple[int, int] = _NO_SIZE,
+    is_whole: bool = False,
 ) -> calib.PinholeCamera:
     """The camera that a CameraInfo message describes.
 
@@ -22,6 +27,7 @@ def camera_of_message(
         is_rectified: Whether the images are rectified. Their camera is in the matrix P, without
             distortion.
         size_px: Width and height of the pictures, for a message that states none.
+        is_whole: Whether the pictures are whole, whatever region the message states.
 
     Raises:
         CameraError: The message is of an uncalibrated camera or of a lens that is not supported.
@@ -32,6 +38,8 @@ def camera_of_message(
         values |= {"k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], "d": [], "distortion_model": ""}
     if (values["width"], values["height"]) == _NO_SIZE:
         values |= {"width": size_px[0], "height": size_px[1]}
+    if is_whole:
+        values["roi"] = {}
     return ros.build_message(values)
 
 
@@ -108,6 +116,7 @@ class CameraInfos:
         self._key: str | None = None
         self._cameras: dict[tuple[int, int], calib.PinholeCamera] = {}
         self._without_size: Any = None
+        self._of_region: Any = None
         self.error: str | None = None
         self.choice: LensChoice | None = None
 
@@ -123,6 +132,8 @@ class CameraInfos:
             return
         self._key = key
         self._without_size = None
+        is_binned = max(message.binning_x, message.binning_y) > 1
+        self._of_region = message if message.roi.width and not is_binned else None
         if (message.width, message.height) == _NO_SIZE:
             self._without_size = message
             self._cameras.clear()
@@ -133,10 +144,12 @@ class CameraInfos:
             self._cameras[camera.width, camera.height] = camera  # the newest is the last
 
     def _build(
-        self, message: Any, size_px: tuple[int, int] = _NO_SIZE
+        self, message: Any, size_px: tuple[int, int] = _NO_SIZE, *, is_whole: bool = False
     ) -> calib.PinholeCamera | None:
         try:
-            camera = camera_of_message(message, is_rectified=self._is_rectified, size_px=size_px)
+            camera = camera_of_message(
+                message, is_rectified=self._is_rectified, size_px=size_px, is_whole=is_whole
+            )
         except calib.CameraError as error:
             self.error = str(error)
             return None
@@ -150,6 +163,13 @@ class CameraInfos:
             return self._cameras[width, height]
         if self._without_size is not None:
             camera = self._build(self._without_size, (width, height))
+            if camera is not None:
+                self._cameras[width, height] = camera
+            return camera
+        whole = self._of_region
+        if whole is not None and (whole.width, whole.height) == (width, height):
+            tell_choice(f"the pictures are whole, {width}x{height} px: its roi is not used")
+            camera = self._build(whole, is_whole=True)
             if camera is not None:
                 self._cameras[width, height] = camera
             return camera

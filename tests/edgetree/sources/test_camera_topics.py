@@ -85,6 +85,14 @@ def test_p_alone_is_told_with_its_topic_and_not_as_k_and_d(
     assert "K and D of CameraInfo" not in caplog.text
 
 
+def test_a_region_is_not_that_of_whole_pictures(
+    write: Write, caplog: pytest.LogCaptureFixture
+) -> None:
+    (frame,) = open_recording(write("/cam/image_raw", BENT, roi=(0, 0, 32, 24)))
+    assert frame.camera == BENT
+    assert "/cam/camera_info: the pictures are whole, 64x48 px: its roi is not used" in caplog.text
+
+
 @pytest.mark.parametrize("name", ["image_raw", "image_rect"])
 def test_a_message_without_a_size_has_that_of_the_pictures(
     write: Write, caplog: pytest.LogCaptureFixture, name: str
