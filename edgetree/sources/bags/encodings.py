@@ -71,7 +71,6 @@ _DEPTH: Final = {
     "32fc1": "f4",
     "64fc1": "f8",
 }
-_LARGEST_DEPTH: Final = 2**16 - 1
 _SENSOR_BITS: Final = (10, 12, 14, 16)
 
 COLOUR_NAMES: Final = frozenset(_COLOUR) | frozenset(_HALF_COLOUR)
@@ -85,7 +84,7 @@ def plain_name(encoding: str) -> str:
 
 
 def decode_depth_pixels(message: Any) -> NDArray[Any]:
-    """(H, W) uint16, float32 or float64 depth of an Image, in its own unit.
+    """(H, W) integers, float32 or float64 depth of an Image, in its own unit.
 
     Raises:
         ValueError: Its size, rows or encoding do not fit.
@@ -95,10 +94,7 @@ def decode_depth_pixels(message: Any) -> NDArray[Any]:
     if name not in _DEPTH:
         raise ValueError(f"its encoding is {message.encoding!r}, expected {_listed(DEPTH_NAMES)}")
     values = _values(message, _DEPTH[name], width, height)
-    if values.dtype.kind == "i":  # below 0 is no reading
-        usable = (values > 0) & (values <= _LARGEST_DEPTH)
-        values = np.where(usable, values, 0).astype(np.uint16)
-    return values
+    return np.maximum(values, 0) if values.dtype.kind == "i" else values  # below 0 is no reading
 
 
 class ColourPixels:

@@ -141,11 +141,6 @@ def test_encodings_of_depth(encoding: str, kind: str) -> None:
     assert found[0, 0] <= 0
 
 
-def test_depth_of_32_bits_beyond_16_is_no_reading() -> None:
-    values = np.full((48, 64), 2**31 - 1, np.int32)
-    assert not decode_depth_pixels(message(values, "32SC1")).any()
-
-
 @pytest.mark.parametrize("encoding", ["bgr8", "nv12", "i420", "bayer_rggb16", "16UC1"])
 @pytest.mark.parametrize(
     "stated",
@@ -183,3 +178,13 @@ def test_the_bits_that_were_assumed_are_said(
         bag.image(bags.COLOUR, wide(picture(), 12), bags.START_NS, "bgr16")
     list(open_recording(bag.path))
     assert f"topic {bags.COLOUR}: values of 16 bits are read as of 12 bits" in caplog.text
+
+
+def test_depth_of_32_bits_may_be_in_micrometres(bags: Any, tmp_path: Path) -> None:
+    steps = np.full((48, 64), 4_000_000, np.int32)
+    steps[0, 0] = -1
+    with bags.BagFile(tmp_path) as bag:
+        bag.image(bags.DEPTH, steps, bags.START_NS, "32SC1")
+    (frame,) = open_recording(bag.path, depth_scale_m=1e-6)
+    assert frame.depth_m[0, 0] == 0
+    np.testing.assert_allclose(frame.depth_m[1:], 4.0)

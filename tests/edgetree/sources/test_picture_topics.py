@@ -10,10 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from mcap_files import McapOf
 
 from basetree.errors import InputError
 from edgetree.sources.bags.recording import open_recording
+
+pytest.importorskip("mcap")
+from mcap_files import McapOf
 
 Write = Callable[..., Path]
 

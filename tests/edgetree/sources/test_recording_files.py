@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap_files import Ros1InMcap
 
 from basetree.errors import InputError
 from edgetree.sources.bags.names import is_bag
 from edgetree.sources.bags.recording import open_recording
+
+pytest.importorskip("mcap")
+from mcap_files import Ros1InMcap
 
 zstandard = pytest.importorskip("zstandard")
 
