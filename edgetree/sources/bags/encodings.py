@@ -94,7 +94,10 @@ def decode_depth_pixels(message: Any) -> NDArray[Any]:
     if name not in _DEPTH:
         raise ValueError(f"its encoding is {message.encoding!r}, expected {_listed(DEPTH_NAMES)}")
     values = _values(message, _DEPTH[name], width, height)
-    return np.maximum(values, 0) if values.dtype.kind == "i" else values  # below 0 is no reading
+    if values.dtype.kind == "i":  # below 0 and the largest number are no reading
+        usable = (values > 0) & (values < np.iinfo(values.dtype).max)
+        values = np.where(usable, values, values.dtype.type(0))
+    return values
 
 
 class ColourPixels:

@@ -182,9 +182,9 @@ def test_the_bits_that_were_assumed_are_said(
 
 def test_depth_of_32_bits_may_be_in_micrometres(bags: Any, tmp_path: Path) -> None:
     steps = np.full((48, 64), 4_000_000, np.int32)
-    steps[0, 0] = -1
+    steps[0, :2] = -1, 2**31 - 1  # no reading
     with bags.BagFile(tmp_path) as bag:
         bag.image(bags.DEPTH, steps, bags.START_NS, "32SC1")
     (frame,) = open_recording(bag.path, depth_scale_m=1e-6)
-    assert frame.depth_m[0, 0] == 0
+    assert not frame.depth_m[0, :2].any()
     np.testing.assert_allclose(frame.depth_m[1:], 4.0)
