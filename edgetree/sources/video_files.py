@@ -25,6 +25,7 @@ _STARTS: Final = (
     b"YUV4MPEG2 ",
     b"\x1f\x07\x00",  # DV
 )
+_LISTS: Final = (b"ffconcat version", b"#EXTM3U", b"[playlist]", b"<?xml", b"v=0")
 _TS_SYNC: Final = 0x47
 _TS_PACKETS: Final = ((188, 0), (192, 4))  # bytes of a packet, where its sync byte is
 _EBML, _SEGMENT, _CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
@@ -45,6 +46,11 @@ def is_video_file(path: Path) -> bool:
         or (head[:4] == b"RIFF" and head[8:12] == b"AVI ")
         or _ts_packet(head) is not None
     )
+
+
+def is_list_of_others(path: Path) -> bool:
+    """Whether a file is a text by which FFmpeg would open other files or addresses."""
+    return _head(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(_LISTS)
 
 
 def is_mp4(path: Path) -> bool:

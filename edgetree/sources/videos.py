@@ -18,7 +18,13 @@ from basetree.files.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from basetree.files.reading import is_image_file, open_video
 from edgetree.frames.frame import Frame
 from edgetree.sources.source import BaseSource
-from edgetree.sources.video_files import incomplete_words, is_damaged, is_mp4, is_video_file
+from edgetree.sources.video_files import (
+    incomplete_words,
+    is_damaged,
+    is_list_of_others,
+    is_mp4,
+    is_video_file,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +36,7 @@ _DEFAULT_RATE_HZ: Final = 25.0
 
 def is_video(path: Path) -> bool:
     """Whether a file is a video by its name or its content, and no picture."""
-    if not path.is_file() or path.suffix.lower() in IMAGE_SUFFIXES:
+    if not path.is_file() or path.suffix.lower() in IMAGE_SUFFIXES or is_list_of_others(path):
         return False
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return True
@@ -124,13 +130,11 @@ class _Capture:
     """
 
     def __init__(self, path: Path, upright: bool) -> None:
+        if not is_video(path):  # FFmpeg might follow what a text says
+            raise _not_a_video(path)
         self.video = open_video(path, upright=upright)
-        if not is_video(path) or not self.video.isOpened():
-            raise InputError(
-                f"source {path} cannot be read{_because(incomplete_words(path))}: expected an"
-                f" image, a folder of images, or a video ({', '.join(VIDEO_SUFFIXES)}, or another"
-                " that OpenCV reads)"
-            )
+        if not self.video.isOpened():
+            raise _not_a_video(path)
         self._check_size(path)
         rate_hz = self.video.get(cv2.CAP_PROP_FPS)
         usual = _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]
@@ -179,6 +183,13 @@ class _Capture:
 
     def close(self) -> None:
         self.video.release()
+
+
+def _not_a_video(path: Path) -> InputError:
+    return InputError(
+        f"source {path} cannot be read{_because(incomplete_words(path))}: expected an image, a"
+        f" folder of images, or a video ({', '.join(VIDEO_SUFFIXES)}, or another that OpenCV reads)"
+    )
 
 
 def _because(words: str | None) -> str:

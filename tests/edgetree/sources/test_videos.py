@@ -188,3 +188,14 @@ def test_run_and_live_end_with_exit_code_1(
     done = run_cli("run", path, "--model", model, *shards)
     assert done.code == 1
     assert f"left out: {path}: 1 ended early" in done.err
+
+
+@pytest.mark.parametrize(
+    "text", ["ffconcat version 1.0\nfile other.mp4\n", "#EXTM3U\n#EXTINF:1,\nother.mp4\n"]
+)
+def test_a_text_that_names_other_files_is_no_video(tmp_path: Path, text: str) -> None:
+    write(tmp_path / "other.mp4")
+    path = tmp_path / "list.mp4"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"list\.mp4 cannot be read"):
+        open_source(path)
