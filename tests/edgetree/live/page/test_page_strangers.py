@@ -29,7 +29,7 @@ def _port(server) -> int:
 def test_the_owner_is_served_beside_200_slow_strangers(
     serve, connect, strangers, live_result
 ) -> None:
-    server = serve(token=_TOKEN)
+    server = serve(token=_TOKEN, stale_s=60)
     server.publish(live_result())
     for number in range(200):
         stranger = socket.create_connection(("127.0.0.1", _port(server)), timeout=10)
@@ -48,7 +48,7 @@ def test_the_owner_is_served_beside_200_slow_strangers(
 
 
 def test_the_oldest_stranger_makes_room(serve, connect, strangers) -> None:
-    server = serve(token=_TOKEN)
+    server = serve(token=_TOKEN, stale_s=60)
     first = connect(server)
     first.socket.sendall(b"GET")
     for _ in range(60):
@@ -60,7 +60,7 @@ def test_the_oldest_stranger_makes_room(serve, connect, strangers) -> None:
 def test_one_owner_may_open_many_connections_but_not_any_number(
     serve, connect, live_result
 ) -> None:
-    server = serve(max_clients=1)
+    server = serve(max_clients=1, stale_s=60)
     server.publish(live_result())
     for _ in range(12):
         assert connect(server).send("/picture.jpg").status() == 200
@@ -127,7 +127,7 @@ def test_what_a_client_writes_stays_on_one_line_of_the_log(
 def test_a_body_is_never_read_as_a_request(
     serve, connect, live_result, field: str, late: bool
 ) -> None:
-    server = serve()
+    server = serve(stale_s=60)
     server.publish(live_result())
     client = connect(server)
     head = f"GET /picture.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n{field}\r\n\r\n"
@@ -147,7 +147,7 @@ def test_a_body_is_never_read_as_a_request(
 def test_a_second_request_in_the_same_packet_ends_the_connection(
     serve, connect, live_result
 ) -> None:
-    server = serve()
+    server = serve(stale_s=60)
     server.publish(live_result())
     client = connect(server)
     one = b"GET /picture.jpg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
