@@ -96,6 +96,7 @@ def _read_array(path: Path, file: BinaryIO) -> NDArray[Any]:
         raise _not_an_array(path) from error
     count = math.prod(shape)
     is_plain = dtype.itemsize > 0 and not dtype.hasobject and len(shape) <= _MOST_AXES
+    is_plain = is_plain and dtype.subdtype is None  # whose numbers are more than the shape says
     if not is_plain or min(shape, default=0) < 0 or count * dtype.itemsize > there:
         raise _not_an_array(path)
     largest = current_limits().image_pixels

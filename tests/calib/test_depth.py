@@ -189,3 +189,12 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
         read_depth(tmp_path / "two.npy")
     with pytest.raises(InputFileError, match="cannot be written"):
         write_depth(tmp_path / "no folder" / "d.png", np.ones((2, 2), np.float32))
+
+
+def test_an_array_of_arrays_is_no_depth(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    header = b"{'descr': '(4,)u1', 'fortran_order': False, 'shape': (2, 2), }"
+    start = b"\x93NUMPY\x01\x00" + (len(header) + 1).to_bytes(2, "little")
+    path.write_bytes(start + header + b"\n" + bytes(16))
+    with pytest.raises(InputFileError, match=r"not a readable \.npy file"):
+        read_depth(path)
