@@ -188,7 +188,7 @@ class _Capture:
 def _not_a_video(path: Path) -> InputError:
     return InputError(
         f"source {path} cannot be read{_because(incomplete_words(path))}: expected an image, a"
-        f" folder of images, or a video ({', '.join(VIDEO_SUFFIXES)}, or another that OpenCV reads)"
+        " folder of images, or a video (MP4, AVI, Matroska or another that OpenCV reads)"
     )
 
 

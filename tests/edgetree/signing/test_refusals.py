@@ -247,42 +247,6 @@ def test_a_version_names_one_file(machine: Machine, model: Path, another: Path) 
     OrtSession(model)
 
 
-def test_a_clock_that_is_set_back_makes_nothing_valid_again(machine: Machine, model: Path) -> None:
-    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
-    start = machine.now
-    OrtSession(model)
-    machine.now = start.replace(year=2037)
-    OrtSession(model)
-    machine.now = start.replace(year=2039)
-    unlimited = machine.sign(model).read_text()
-    OrtSession(model)
-    machine.now = start
-    OrtSession(model)
-    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
-    assert "and it said 2039-" in refusal(model)
-    signature_of(model).write_text(unlimited)
-
-
-def test_what_was_refused_as_expired_stays_refused(machine: Machine, model: Path) -> None:
-    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
-    start = machine.now
-    OrtSession(model)
-    machine.now = start.replace(year=2038)
-    assert "was valid until 2037-12-31" in refusal(model)
-    machine.now = start
-    assert "and it said 2038-" in refusal(model)
-
-
-def test_the_time_of_a_refused_key_stays_too(machine: Machine, model: Path) -> None:
-    machine.trusts(machine.entry("2037-12-31T23:59:59Z"))
-    machine.sign(model)
-    start = machine.now
-    machine.now = start.replace(year=2038)
-    refusal(model)
-    machine.now = start
-    assert "and it said 2038-" in refusal(model)
-
-
 def test_a_version_that_cannot_be_recorded_is_refused(machine: Machine, model: Path) -> None:
     machine.sign(model)
     machine.used_file.parent.parent.write_text("a file where the folder should be")

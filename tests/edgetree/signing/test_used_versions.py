@@ -1,4 +1,4 @@
-"""The file of used versions, with several processes at once."""
+"""The file of used versions: several processes at once, and clocks that are set back."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from edgetree.errors import SignatureError
+from edgetree.runtime.session import OrtSession
 from edgetree.signing import check_signature, current_trust
 from edgetree.signing.statement import Statement
 from edgetree.signing.used_versions import read_used, record_use
@@ -90,3 +91,46 @@ def test_a_broken_file_is_refused_and_kept(tmp_path: Path, content: str) -> None
     with pytest.raises(SignatureError, match=r"used\.json"):
         record_use(_statement(1), Path("model.onnx"), file, _NOW)
     assert file.read_text() == content
+
+
+def refusal(model: Path) -> str:
+    with pytest.raises(SignatureError) as refused:
+        OrtSession(model)
+    return str(refused.value)
+
+
+def test_a_clock_that_is_set_back_makes_nothing_valid_again(machine: Machine, model: Path) -> None:
+    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
+    start = machine.now
+    OrtSession(model)
+    machine.now = start.replace(year=2037)
+    OrtSession(model)
+    machine.now = start.replace(year=2039)
+    unlimited = machine.sign(model).read_text()
+    OrtSession(model)
+    machine.now = start
+    OrtSession(model)
+    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
+    assert "and it said 2039-" in refusal(model)
+    model.with_name(f"{model.name}.sig").write_text(unlimited)
+    OrtSession(model)
+
+
+def test_what_was_refused_as_expired_stays_refused(machine: Machine, model: Path) -> None:
+    machine.sign(model, valid_until="2037-12-31T23:59:59Z")
+    start = machine.now
+    OrtSession(model)
+    machine.now = start.replace(year=2038)
+    assert "was valid until 2037-12-31" in refusal(model)
+    machine.now = start
+    assert "and it said 2038-" in refusal(model)
+
+
+def test_the_time_of_a_refused_key_stays_too(machine: Machine, model: Path) -> None:
+    machine.trusts(machine.entry("2037-12-31T23:59:59Z"))
+    machine.sign(model)
+    start = machine.now
+    machine.now = start.replace(year=2038)
+    refusal(model)
+    machine.now = start
+    assert "and it said 2038-" in refusal(model)
