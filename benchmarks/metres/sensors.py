@@ -34,7 +34,7 @@ def bilateral_filtered(depth_m: Float32, size_px: int, range_m: float) -> Float3
 
 
 def shifted(depth_m: Float32, right_px: float, down_px: float = 0.0) -> Float32:
-    """Depth that lies beside the picture, by the nearest pixel; no reading where none comes from."""
+    """Depth that lies beside the picture, by the nearest pixel; none beyond its border."""
     move = np.array([[1, 0, right_px], [0, 1, down_px]], np.float32)
     return np.asarray(
         cv2.warpAffine(depth_m, move, depth_m.shape[::-1], flags=cv2.INTER_NEAREST), np.float32
