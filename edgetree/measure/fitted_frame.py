@@ -274,6 +274,7 @@ class FittedFrame:
                 ground,
                 warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
+            rig_std=stem.rig_std(taper.dbh_m, height, vertical),
         )
 
     def _cut_failure(

@@ -151,6 +151,22 @@ class StemPosition:
         rig_m = self.rig.std_m(height.value * self.along, ground.up)
         return Estimate(height.value, math.hypot(height.std, rig_m))
 
+    def rig_std(
+        self, dbh: Estimate | Failure, height: Estimate | Failure, vertical: Vertical
+    ) -> dict[str, float]:
+        """Parts of the standard deviations from the rig, see `TreeMeasurement.rig_std`."""
+        tilt_rad = vertical.tilt_std_rad if vertical.stems is None else 0.0
+        parts = {
+            "diameter_m": self.rig.size_std * 2 * self.radius_m,
+            "inclination_deg": math.degrees(tilt_rad),
+        }
+        if isinstance(dbh, Estimate):
+            parts["dbh_m"] = self.rig.size_std * dbh.value
+        if isinstance(height, Estimate):
+            own_m = self.rig.std_m(height.value * self.along, vertical.up)
+            parts["cut_height_m"] = math.hypot(own_m, self.radius_m * tilt_rad)
+        return parts
+
     def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
         """Why the keypoint of the felling cut is implausible, or None if it is plausible.
 
