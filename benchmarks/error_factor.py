@@ -28,7 +28,7 @@ from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
 from edgetree.frames.images import read_image
-from edgetree.measure import Estimate, measure_trees
+from edgetree.measure import EXACT_RIG, Estimate, measure_trees
 from release.manifest_change import write_manifest
 
 SCORE_THRESHOLD = 0.5
@@ -58,7 +58,8 @@ def shares_inside(cases: list[Case], factor: float) -> list[tuple[int, float]]:
     for found, depth, image, trees in cases:
         camera = PinholeCamera.from_dict(image["camera"])
         scaled = replace(found, error_factor=factor)
-        results = measure_trees(scaled, read_depth(depth), camera, up_camera=image["up_camera"])
+        known = {"up_camera": image["up_camera"], "rig_uncertainty": EXACT_RIG}
+        results = measure_trees(scaled, read_depth(depth), camera, **known)
         for match in match_boxes(found.boxes_px, labelled(image, trees).boxes_px):
             for name in QUANTITIES:
                 value = getattr(results[match.detection], name)

@@ -17,7 +17,7 @@ from benchmarks.measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
-from edgetree.measure import MeasureSettings, StemProfile, TreeMeasurement, measure_trees
+from edgetree.measure import EXACT_RIG, MeasureSettings, StemProfile, TreeMeasurement, measure_trees
 from perceptree.simulator import PRESETS, generate_dataset
 from perceptree.simulator.scene.description import Tree, describe_scene
 
@@ -101,12 +101,25 @@ class Case:
             changed = replace(LABELS, **settings)
             yield from enumerate(
                 measure_trees(
-                    self.truth, self.depth_m, camera, masks=masks, up_camera=up, settings=changed
+                    self.truth,
+                    self.depth_m,
+                    camera,
+                    masks=masks,
+                    up_camera=up,
+                    settings=changed,
+                    rig_uncertainty=EXACT_RIG,
                 )
             )
             return
         changed = replace(MeasureSettings(), **settings)
-        results = measure_trees(self.found, self.depth_m, camera, up_camera=up, settings=changed)
+        results = measure_trees(
+            self.found,
+            self.depth_m,
+            camera,
+            up_camera=up,
+            settings=changed,
+            rig_uncertainty=EXACT_RIG,
+        )
         for match in match_boxes(self.found.boxes_px, self.truth.boxes_px):
             yield match.truth, results[match.detection]
 

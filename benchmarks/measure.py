@@ -32,7 +32,7 @@ from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import find_model
 from edgetree.demo.matching import match_boxes
 from edgetree.frames.images import read_image
-from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
+from edgetree.measure import EXACT_RIG, Failure, MeasureSettings, TreeMeasurement, measure_trees
 
 # Uncertainty of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(
@@ -91,11 +91,19 @@ def measured(
     naive_m = [naive_diameter_m(tree["keypoints"], depth_m, camera) for tree in trees]
     if detector is None:
         masks = [coco_mask.decode(tree["segmentation"]).astype(bool) for tree in trees]
-        exact = measure_trees(truth, depth_m, camera, masks=masks, up_camera=up, settings=LABELS)
+        exact = measure_trees(
+            truth,
+            depth_m,
+            camera,
+            masks=masks,
+            up_camera=up,
+            settings=LABELS,
+            rig_uncertainty=EXACT_RIG,
+        )
         return list(zip(exact, naive_m, strict=True))
     is_depth = detector.manifest.modality == "depth"
     found = detector.detect(depth_m if is_depth else read_image(data / image["file_name"]))
-    results = measure_trees(found, depth_m, camera, up_camera=up)
+    results = measure_trees(found, depth_m, camera, up_camera=up, rig_uncertainty=EXACT_RIG)
     of_truth = {m.truth: m.detection for m in match_boxes(found.boxes_px, truth.boxes_px)}
     matched = [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
     return list(zip(matched, naive_m, strict=True))

@@ -14,7 +14,7 @@ from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
 from edgetree.frames.frame import Frame
-from edgetree.measure import TreeMeasurement, measure_trees
+from edgetree.measure import EXACT_RIG, TreeMeasurement, measure_trees
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,9 @@ def _drive_frame(data: Path, record: dict[str, Any], detector: TreeDetector) -> 
     depth_m = read_depth(data / image["depth_file"])
     trees = detector.detect(depth_m)
     camera = PinholeCamera.from_dict(image["camera"])
-    measurements = measure_trees(trees, depth_m, camera, up_camera=image["up_camera"])
+    measurements = measure_trees(
+        trees, depth_m, camera, up_camera=image["up_camera"], rig_uncertainty=EXACT_RIG
+    )
     boxes = np.array([label["bbox"] for label in labels], np.float64).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
     matches = match_boxes(trees.boxes_px, boxes) if len(trees) and len(labels) else []

@@ -42,6 +42,7 @@ class PinholeCamera:
         distortion_model: "radtan" (Brown-Conrady, as `cv2.projectPoints`) or "fisheye"
             (Kannala-Brandt, as `cv2.fisheye`).
         focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
+        principal_std_px: Standard deviation of cx and cy in px; None if it is not stated.
 
     Raises:
         CameraError: If a value is out of range or not finite, or if no lens has these parameters:
@@ -64,6 +65,7 @@ class PinholeCamera:
     distortion: tuple[float, ...] = ()
     distortion_model: str = RADTAN
     focal_std_px: float = 0.0
+    principal_std_px: float | None = None
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -89,6 +91,11 @@ class PinholeCamera:
         if not 0 <= self.focal_std_px < min(self.fx, self.fy):
             raise CameraError(
                 f"focal_std_px is {self.focal_std_px}: expected 0 or more, and less than fx and fy"
+            )
+        std_px, size_px = self.principal_std_px, max(self.width, self.height)
+        if std_px is not None and not 0 <= std_px < size_px:
+            raise CameraError(
+                f"principal_std_px is {std_px}: expected 0 or more, and less than the image"
             )
         check_camera(self._intrinsics)
 
@@ -139,7 +146,11 @@ class PinholeCamera:
             cx=sx * (self.cx + 0.5) - 0.5,
             cy=sy * (self.cy + 0.5) - 0.5,
             focal_std_px=self.focal_std_px * sx,
+            principal_std_px=self._principal_std_px(sx),
         )
+
+    def _principal_std_px(self, scale: float) -> float | None:
+        return None if self.principal_std_px is None else self.principal_std_px * scale
 
     def cropped(self, x_px: int, y_px: int, width: int, height: int) -> PinholeCamera:
         """Return the camera of a crop of the image.
@@ -216,6 +227,7 @@ class PinholeCamera:
             cx=(self.cx + 0.5) / columns - 0.5,
             cy=(self.cy + 0.5) / rows - 0.5,
             focal_std_px=self.focal_std_px / columns,
+            principal_std_px=self._principal_std_px(1 / columns),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -225,6 +237,8 @@ class PinholeCamera:
             del values["distortion_model"]
         if self.focal_std_px == 0:
             del values["focal_std_px"]
+        if self.principal_std_px is None:
+            del values["principal_std_px"]
         return values
 
     @classmethod
@@ -243,6 +257,7 @@ class PinholeCamera:
         distortion = values.get("distortion", ())
         if not isinstance(distortion, list | tuple):
             raise CameraError(f"camera field distortion is {distortion!r}: expected numbers")
+        principal_std_px = values.get("principal_std_px")
         return cls(
             int(width),
             int(height),
@@ -253,6 +268,7 @@ class PinholeCamera:
             tuple(_number("distortion", k) for k in distortion),
             str(values.get("distortion_model", RADTAN)),
             _number("focal_std_px", values.get("focal_std_px", 0.0)),
+            None if principal_std_px is None else _number("principal_std_px", principal_std_px),
         )
 
 

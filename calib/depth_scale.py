@@ -138,6 +138,11 @@ class DepthScale:
         variance = (depths * self.scale_std) ** 2 + mixed * depths + self.offset_std_m**2
         return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
+    @property
+    def std_share(self) -> float:
+        """Largest relative standard deviation from the nearest target on, as a share."""
+        return max(float(self.std_m(self.nearest_m)) / self.nearest_m, self.scale_std)
+
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values."""
         values = asdict(self)

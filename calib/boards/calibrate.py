@@ -116,9 +116,9 @@ def _result(
     assert stds is not None
     values = [float(value) for value in solution.intrinsics]
     fx, fy, cx, cy, *terms = values
-    focal_std_px = float(max(stds[:2]))
+    both_px = (float(max(stds[:2])), float(max(stds[2:4])))
     try:
-        camera = PinholeCamera(*size, fx, fy, cx, cy, tuple(terms), model, focal_std_px)
+        camera = PinholeCamera(*size, fx, fy, cx, cy, tuple(terms), model, *both_px)
     except CameraError as error:
         return CalibrationFailure(
             f"the solution is not a valid camera: {error}", (), tuple(dropped)

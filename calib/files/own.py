@@ -9,7 +9,8 @@ from calib.files.fields import Values
 SCHEMA = "calib.camera/1"
 
 _PINHOLE = ("fx", "fy", "cx", "cy")
-_FIELDS = ("width", "height", *_PINHOLE, "distortion", "distortion_model", "focal_std_px")
+_STDS = ("focal_std_px", "principal_std_px")
+_FIELDS = ("width", "height", *_PINHOLE, "distortion", "distortion_model", *_STDS)
 
 
 def find(values: Values) -> dict[str, Values]:

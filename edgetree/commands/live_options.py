@@ -18,6 +18,7 @@ from edgetree.commands.options import (
     DepthKind,
     DepthScale,
     Mounting,
+    RigErrors,
     Rotate,
     SpeciesName,
     StumpHeight,
@@ -143,6 +144,7 @@ class LiveMetresOptions:
     depth_scale: DepthScale = None
     depth_kind: DepthKind = "depth"
     rotate: Rotate = None
+    rig_errors: RigErrors = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
     odometry: _Odometry = False
@@ -165,6 +167,7 @@ class LiveMetresOptions:
             depth_scale=self.depth_scale,
             depth_kind=self.depth_kind,
             rotate=self.rotate,
+            rig_errors=self.rig_errors,
             stump_height=self.stump_height,
             species=self.species,
         )

@@ -14,6 +14,7 @@ from edgetree.commands.options import (
     DepthScale,
     Mounting,
     Provider,
+    RigErrors,
     Rotate,
     SpeciesName,
     Strict,
@@ -27,7 +28,7 @@ from edgetree.commands.options import (
 if TYPE_CHECKING:
     from calib import PinholeCamera
     from edgetree.frames.rig import Rig
-    from edgetree.measure import MeasureSettings
+    from edgetree.measure import MeasureSettings, RigUncertainty
     from edgetree.runtime.detector import TreeDetector
 
 
@@ -55,6 +56,7 @@ class RigOptions:
     depth_scale: DepthScale = None
     depth_kind: DepthKind = "depth"
     rotate: Rotate = None
+    rig_errors: RigErrors = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
 
@@ -84,6 +86,7 @@ class RigOptions:
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
             rotation_deg=self.rotate,
+            uncertainty=_uncertainty(self.rig_errors),
             depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
@@ -165,6 +168,12 @@ class SessionOptions:
             score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
         )
         return detector, path
+
+
+def _uncertainty(text: str | None) -> RigUncertainty | None:
+    from edgetree.measure import RigUncertainty
+
+    return None if text is None else RigUncertainty.from_text(text)
 
 
 def _load_camera(file: Path) -> PinholeCamera:

@@ -182,6 +182,7 @@ def _measure(
         return [TreeMeasurement.failed(frame.depth_fault) for _ in range(len(found.trees))]
     turn, masks, mounting = rig.turn(frame), found.masks, rig.mounting
     up_camera = rig.up_camera if frame.up_camera is None else frame.up_camera
+    rig.tell_assumed(camera, up_camera is not None)
     if turn:
         masks = None if masks is None else np.stack([turn.picture(mask) for mask in masks])
         up_camera = None if up_camera is None else turn.directions(up_camera)
@@ -194,6 +195,7 @@ def _measure(
         up_camera=up_camera,
         mounting=mounting,
         settings=settings,
+        rig_uncertainty=rig.known_uncertainty(),
     )
     return [turn.back.measurement(tree) for tree in measured] if turn else measured
 

@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,9 @@ from basetree.files.reading import orientation_note
 from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
 from edgetree.frames.turning import Turn, check_rotation, turn_of
+
+if TYPE_CHECKING:
+    from edgetree.measure import RigUncertainty
 
 _log = logging.getLogger(__name__)
 
@@ -51,6 +54,7 @@ class Rig:
         rotation_deg: Degrees, 90, 180 or 270, by which pictures must be turned clockwise to be
             upright; None: a camera on its side is told by its vertical. All else is that of the
             camera as it is mounted, and so are results.
+        uncertainty: How well all this is known; what it does not state is assumed.
 
     Raises:
         InputError: A value is out of its range, or needs another one that is missing.
@@ -65,6 +69,7 @@ class Rig:
     depth_calibration: calib.DepthScale | None = None
     depth_kind: calib.DepthKind = "depth"
     rotation_deg: int | None = None
+    uncertainty: RigUncertainty | None = None
 
     def __post_init__(self) -> None:
         check_scale(self.depth_scale_m, "--depth-scale")
@@ -108,6 +113,26 @@ class Rig:
         """
         if self.camera is not None and self.camera.distortion and self.depth_camera is None:
             _warn_of_lens(self.camera)
+
+    def known_uncertainty(self) -> RigUncertainty:
+        """What is stated of the rig's errors; that of a depth scale comes with its calibration."""
+        from edgetree.measure import RigUncertainty
+
+        stated = self.uncertainty or RigUncertainty()
+        if stated.depth_scale_std is not None or self.depth_calibration is None:
+            return stated
+        return replace(stated, depth_scale_std=min(self.depth_calibration.std_share, 0.5))
+
+    def tell_assumed(self, camera: calib.PinholeCamera, has_vertical: bool) -> None:
+        """Say, once for each set of values, which errors of the rig nothing states.
+
+        Args:
+            camera: The camera of the measurement.
+            has_vertical: Whether a vertical is given.
+        """
+        has_mounting = self.mounting is not None
+        stated = self.known_uncertainty()
+        _tell_assumed(*stated.assumed(camera, has_vertical or has_mounting, has_mounting))
 
     def completed(self, frame: Frame, width: int, height: int) -> Frame:
         """The frame with this camera and vertical, where its source does not know them.
@@ -181,6 +206,16 @@ class Rig:
         assert camera is not None
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
         return calib.register_depth(depth_m, depth_camera, camera, transform)
+
+
+@lru_cache(maxsize=64)
+def _tell_assumed(*words: str) -> None:
+    if words:
+        _log.warning(
+            "nothing states the errors of the rig, so intervals hold standard deviations of: %s;"
+            " give known ones with --rig-errors (in Python Rig(uncertainty=...))",
+            ", ".join(words),
+        )
 
 
 @lru_cache(maxsize=64)

@@ -80,7 +80,11 @@ class LivePipeline:
         self._open_source = open_source
         self._detector = detector
         self._rig = rig or Rig()
-        self._mounted = Rig(mounting=self._rig.mounting, rotation_deg=self._rig.rotation_deg)
+        self._mounted = Rig(
+            mounting=self._rig.mounting,
+            rotation_deg=self._rig.rotation_deg,
+            uncertainty=self._rig.known_uncertainty(),
+        )
         self._turning: str | None = None
         self._settings = settings
         self._tracker = tracker or StemTracker()

@@ -14,10 +14,12 @@ from edgetree.measure.estimates import (
     TreeMeasurement,
 )
 from edgetree.measure.profile import StemProfile
+from edgetree.measure.rig_uncertainty import EXACT_RIG, RigUncertainty
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.volume import SPECIES, Species, stem_volume
 
 __all__ = [
+    "EXACT_RIG",
     "QUANTITIES",
     "SPECIES",
     "Estimate",
@@ -25,6 +27,7 @@ __all__ = [
     "Failure",
     "MeasureSettings",
     "PointEstimate",
+    "RigUncertainty",
     "Species",
     "StemAxis",
     "StemProfile",

@@ -27,8 +27,8 @@ def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> F
 
     First-order error propagation through the diameter 2 d sin(delta): its relative change is
     that of the distance d, plus that of delta times cot(delta). Since d depends on delta too,
-    the relative change of d per radian of delta is added to cot(delta). Focal length, stem
-    shape and incomplete observations add independent relative errors.
+    the relative change of d per radian of delta is added to cot(delta). The rig, the
+    stem's shape and incomplete observations add independent relative errors.
 
     Args:
         frame: Camera and settings.
@@ -38,9 +38,9 @@ def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> F
     half = stems.sections.half_rad
     edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.distance_change_per_rad)
     distance = stems.distance_std_m / stems.distance_m
-    focal = np.full_like(half, frame.camera.focal_std_px / frame.camera.fx)
+    rig = np.full_like(half, frame.rig.size_std)
     shape = np.full_like(half, frame.settings.out_of_round_std)
-    parts = [edges, distance, focal, shape, incomplete_std]
+    parts = [edges, distance, rig, shape, incomplete_std]
     return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from edgetree.measure.ground_cover import noise_factor
 from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.observations import observe_stems
 from edgetree.measure.regions import STATIONS
+from edgetree.measure.rig_uncertainty import RigUncertainty
 from edgetree.measure.section import fit_axes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import fit_stems
@@ -40,6 +42,7 @@ def measure_trees(
     up_camera: ArrayLike | None = None,
     mounting: RigidTransform | None = None,
     settings: MeasureSettings | None = None,
+    rig_uncertainty: RigUncertainty | None = None,
 ) -> list[TreeMeasurement]:
     """Measure every tree of one image.
 
@@ -57,6 +60,8 @@ def measure_trees(
         mounting: Transform from camera to machine coordinates (x forward, y left, z up).
         settings: Assumed errors and limits. Those of keypoints and mask edges are multiplied by
             `detections.error_factor`.
+        rig_uncertainty: How well camera, depth, vertical and mounting are known. What it does not
+            state is assumed, see `RigUncertainty`; `EXACT_RIG` is for simulated frames.
 
     Returns:
         One measurement per detection, in their order. Quantities that cannot be measured hold the
@@ -88,6 +93,7 @@ def measure_trees(
     if not len(detections):
         return []
     frame = DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
+    frame = replace(frame, rig=(rig_uncertainty or RigUncertainty()).errors(camera))
     if detections.keypoints_px is None and frame.masks is None:
         reason = "the model gives neither keypoints nor masks"
         return [TreeMeasurement.failed(reason) for _ in range(len(detections))]
@@ -121,8 +127,8 @@ def _measure_all(
     keypoints = Keypoints.from_detections(trees, settings)
     observed = observe_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
     vertical = np.array(CAMERA_UP) if up is None else up
-    up_std_deg = CAMERA_UP_STD_DEG if up is None else 0.0
-    lean_std_rad = float(np.radians(np.hypot(settings.lean_std_deg, up_std_deg)))
+    up_std_rad = np.radians(CAMERA_UP_STD_DEG) if up is None else frame.rig.vertical_rad
+    lean_std_rad = float(np.hypot(np.radians(settings.lean_std_deg), up_std_rad))
     axes, roll_std_rad = fit_axes(observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad)
     stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
     fitted = FittedFrame(

@@ -206,6 +206,9 @@ class TreeMeasurement:
         cut_point_machine_m: The same point in machine coordinates.
         axis: Line of the axis in camera coordinates. It is not part of `to_dict`.
         evidence: What the measurement is based on.
+        rig_std: Part of the standard deviations of `diameter_m`, `dbh_m`, `cut_height_m` and
+            `inclination_deg` that comes from the rig. It is the same error in all frames and does
+            not average away. It is not part of `to_dict`.
     """
 
     diameter_m: Estimate | Failure
@@ -224,6 +227,7 @@ class TreeMeasurement:
     cut_point_machine_m: PointEstimate | Failure
     axis: StemAxis | Failure = Failure("the axis is not measured")
     evidence: Evidence = Evidence()
+    rig_std: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def failed(cls, reason: str) -> TreeMeasurement:

@@ -89,7 +89,7 @@ class FittedFrame:
     def verticals(self, sound: Bool, up: Float | None) -> Verticals:
         """The verticals: given, or estimated from the (T,) sound stems and the camera."""
         if up is not None:
-            return Verticals(up)
+            return Verticals(up, self.frame.rig.vertical_covariance(up))
         return Verticals.from_stems(
             self.stems.sections.axes,
             np.where(sound, self.roll_std_rad, np.inf),
@@ -167,10 +167,10 @@ class FittedFrame:
             cuts: (T, 3) axis points at the felling cuts.
             grounds: Ground at each stem.
         """
-        stems, camera = self.stems, self.frame.camera
+        stems = self.stems
         shared = (
             stems.distance_std_m / stems.distance_m,
-            np.full_like(stems.distance_m, camera.focal_std_px / camera.fx),
+            np.full_like(stems.distance_m, self.frame.rig.size_std),
             self.incomplete_std,
         )
         return read_diameters(
@@ -274,6 +274,7 @@ class FittedFrame:
                 ground,
                 warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
+            rig_std=stem.rig_std(taper.dbh_m, height, vertical),
         )
 
     def _cut_failure(
@@ -312,6 +313,7 @@ class FittedFrame:
             shape_std_m=CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
             roll_std_rad=self.roll_std_rad.item(index) * doubt,
             tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,
+            rig=self.frame.rig,
         )
 
 

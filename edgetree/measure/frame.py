@@ -11,6 +11,7 @@ import numpy as np
 from basetree.arrays import Bool, Float, Float32, Index
 from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
+from edgetree.measure.rig_uncertainty import NO_ERRORS, RigErrors
 from edgetree.measure.settings import MeasureSettings, reference_px
 
 # OpenCV samples at most 32,766 points in a row.
@@ -70,6 +71,7 @@ class DepthFrame:
         masks: One per tree, or None if the model gives no masks.
         settings: Assumptions of the measurement.
         masks_given: Whether the caller gave the masks, at the image's size.
+        rig: Errors of the rig.
     """
 
     camera: PinholeCamera
@@ -77,6 +79,7 @@ class DepthFrame:
     masks: list[MaskGrid] | None
     settings: MeasureSettings
     masks_given: bool = False
+    rig: RigErrors = NO_ERRORS
 
     @classmethod
     def from_detections(

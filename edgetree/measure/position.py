@@ -22,6 +22,7 @@ from edgetree.measure.constants.stems import (
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
 from edgetree.measure.ground import BaseGround
+from edgetree.measure.rig_uncertainty import RigErrors
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical
 
@@ -43,6 +44,7 @@ class StemPosition:
             bends, as a standard deviation.
         roll_std_rad: Standard deviation of the axis' angle within the image.
         tilt_std_rad: Standard deviation of the axis' angle towards or away from the camera.
+        rig: Errors of the rig.
     """
 
     directions: Float
@@ -55,6 +57,7 @@ class StemPosition:
     shape_std_m: float
     roll_std_rad: float
     tilt_std_rad: float
+    rig: RigErrors
 
     @property
     def along(self) -> Float:
@@ -83,8 +86,14 @@ class StemPosition:
         The depth shows the bark, one radius in front of the axis, so the error of the radius is
         part of the distance's.
         """
+        parts = (self._own_distance_std_m, self.rig.std_m(self.cut, self.cut / self._range_m))
+        return Estimate(self._range_m, math.hypot(*parts))
+
+    @cached_property
+    def _own_distance_std_m(self) -> float:
+        """Standard deviation of the distance without the errors of the rig."""
         parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m)
-        return Estimate(self._range_m, math.hypot(*parts, self.shape_std_m))
+        return math.hypot(*parts, self.shape_std_m)
 
     def axis_distance(self, bend_rad: float) -> Estimate:
         """Shortest distance in metres from the camera to the line of the axis.
@@ -100,7 +109,9 @@ class StemPosition:
         ahead_m, _, level_m = self._section_parts_m
         value = ahead_m + level_m * TAPER_PER_M * self.radius_m
         direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
-        parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std)
+        ahead = self.directions[0]
+        rig_m = self.rig.std_m(ahead_m * ahead, ahead)
+        parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std, rig_m)
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     @property
@@ -133,8 +144,28 @@ class StemPosition:
             return ground
         distance = self.distance
         rise = float(self.cut @ ground.up) / distance.value
-        std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
-        return ground.height_m(self.cut, self.along, self.radius_m, std)
+        std = math.hypot(rise * self._own_distance_std_m, self.cut_rad * distance.value)
+        height = ground.height_m(self.cut, self.along, self.radius_m, std)
+        if isinstance(height, Failure):
+            return height
+        rig_m = self.rig.std_m(height.value * self.along, ground.up)
+        return Estimate(height.value, math.hypot(height.std, rig_m))
+
+    def rig_std(
+        self, dbh: Estimate | Failure, height: Estimate | Failure, vertical: Vertical
+    ) -> dict[str, float]:
+        """Parts of the standard deviations from the rig, see `TreeMeasurement.rig_std`."""
+        tilt_rad = vertical.tilt_std_rad if vertical.stems is None else 0.0
+        parts = {
+            "diameter_m": self.rig.size_std * 2 * self.radius_m,
+            "inclination_deg": math.degrees(tilt_rad),
+        }
+        if isinstance(dbh, Estimate):
+            parts["dbh_m"] = self.rig.size_std * dbh.value
+        if isinstance(height, Estimate):
+            own_m = self.rig.std_m(height.value * self.along, vertical.up)
+            parts["cut_height_m"] = math.hypot(own_m, self.radius_m * tilt_rad)
+        return parts
 
     def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
         """Why the keypoint of the felling cut is implausible, or None if it is plausible.
@@ -193,6 +224,7 @@ class StemPosition:
             return Failure("no mounting of the camera given")
         turn = np.asarray(mounting.rotation, np.float64)
         covariance = turn @ self._covariance @ turn.T
+        covariance += self.rig.turned_covariance(turn @ self._bark)
         return PointEstimate(np.asarray(mounting.apply(self._bark)), np.sqrt(covariance.diagonal()))
 
     def axis(self, bend_rad: float, has_cut: bool) -> StemAxis:
@@ -210,11 +242,13 @@ class StemPosition:
         ahead_m = math.hypot(self.distance_std_m, self.diameter_std_m / 2, self.shape_std_m)
         tilt_std = math.hypot(self.tilt_std_rad, bend_rad)
         roll_std = math.hypot(self.roll_std_rad, bend_rad)
+        point, own = self.cut if has_cut else self.section, (ahead_m, self.diameter_std_m / 2)
+        turn = self.rig.direction_covariance(self.along)
         return StemAxis(
-            point_m=self.cut if has_cut else self.section,
-            point_covariance_m2=self._summed(ahead_m, self.diameter_std_m / 2, slide_m),
+            point_m=point,
+            point_covariance_m2=self._summed(*own, slide_m) + self.rig.covariance(point),
             direction=self.along,
-            direction_covariance=self._summed(tilt_std, roll_std, 0.0),
+            direction_covariance=self._summed(tilt_std, roll_std, 0.0) + turn,
         )
 
     @property
@@ -226,11 +260,13 @@ class StemPosition:
     def _covariance(self) -> Float:
         """(3, 3) covariance matrix of the cut point in m².
 
-        The sum of independent errors in three directions. The depth shows the bark itself, so
-        only a part of the error of the diameter counts; these parts are rough values.
+        The sum of independent errors in three directions, and of the rig's. The depth shows the
+        bark itself, so only a part of the error of the diameter counts; these parts are rough
+        values.
         """
         edge_m, slide_m = self.diameter_std_m / 4, self.cut_rad * self._range_m
-        return self._summed(math.hypot(self._depth_std_m, edge_m), edge_m + slide_m / 2, slide_m)
+        own = self._summed(math.hypot(self._depth_std_m, edge_m), edge_m + slide_m / 2, slide_m)
+        return own + self.rig.covariance(self._bark)
 
     def _summed(self, ahead: float, across: float, along: float) -> Float:
         """(3, 3) covariance of independent errors of these deviations in the three directions."""

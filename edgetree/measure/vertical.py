@@ -27,7 +27,7 @@ class Vertical:
 
     Attributes:
         up: (3,) unit vector away from gravity, in camera coordinates.
-        covariance: (3, 3) of its error, in rad²; zero if the vertical is given.
+        covariance: (3, 3) of its error, in rad².
         stems: Number of other stems that it is estimated from; None if it is given.
         from_ground: Whether it is also estimated from the slope of the ground.
     """
@@ -73,6 +73,7 @@ class Verticals:
 
     Attributes:
         common: (3,) unit vector, the best vertical before the ground is known.
+        covariance: (3, 3) of a given vertical's error, in rad²; None if it is estimated.
         stem_information: (T, 3, 3) what each stem's axis tells of the vertical: the inverse
             covariance of its direction as the vertical's, times its robust weight. None if the
             vertical is given.
@@ -80,6 +81,7 @@ class Verticals:
     """
 
     common: Float
+    covariance: Float | None = None
     stem_information: Float | None = None
     counted: Bool | None = None
 
@@ -114,7 +116,7 @@ class Verticals:
         # Few stems may all lean.
         if counted.sum() < MIN_STEMS_FOR_VERTICAL:
             common = np.array(CAMERA_UP)
-        return cls(common, weight[:, None, None] * information, np.asarray(counted))
+        return cls(common, None, weight[:, None, None] * information, np.asarray(counted))
 
     def at(self, index: int, normal: Float | None) -> Vertical:
         """The vertical at one stem. The stem's own direction is left out.
@@ -124,7 +126,8 @@ class Verticals:
             normal: (3,) normal of the ground there, if it is known.
         """
         if self.stem_information is None or self.counted is None:
-            return Vertical(self.common, np.zeros((3, 3)), None, False)
+            covariance = np.zeros((3, 3)) if self.covariance is None else self.covariance
+            return Vertical(self.common, covariance, None, False)
         others = self.stem_information.sum(0) - self.stem_information[index]
         # The common lean of the stand limits what many stems tell.
         common_lean = math.radians(COMMON_LEAN_STD_DEG) ** 2

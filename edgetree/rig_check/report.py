@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from textwrap import wrap
 from typing import Final
 
+from basetree.normal import NORMAL_975
 from edgetree.rig_check.checks import HOLDS, RigCheck
 from edgetree.rig_check.drive_check import RigReport
 
 _LINE: Final = 100
 _NAME_WIDTH, _VALUE_WIDTH, _LIMIT_WIDTH = 34, 20, 16
+# Names of checks, with names of --rig-errors and their unit in that of the check.
+_ERRORS: Final = {
+    "stems lean away from the camera": ("vertical", 1.0),
+    "stems lean to the left": ("vertical", 1.0),
+    "scale of the depth": ("scale", 0.01),
+}
 _DIGITS: Final = {"px": 1, "%": 1, "°": 1, "mm": 0, "ms": 0}
 
 
@@ -27,6 +35,9 @@ def report_lines(report: RigReport) -> Iterator[str]:
         yield group
         for check in checks:
             yield from _lines(check)
+    if words := error_words(report.checks):
+        yield ""
+        yield f"for intervals that hold these errors: --rig-errors {words}"
     yield ""
     if report.passed:
         unknown = report.unknown
@@ -35,6 +46,20 @@ def report_lines(report: RigReport) -> Iterator[str]:
     for check in report.problems:
         text = f"result: failed: {problem_text(check)}: {check.reason}"
         yield from wrap(text, _LINE, subsequent_indent="  ")
+
+
+def error_words(checks: Sequence[RigCheck]) -> str:
+    """The errors of the scale of depth and of the vertical that a drive shows, for --rig-errors.
+
+    Each is the root mean square of what was found: its value, and its standard deviation.
+    """
+    found: dict[str, float] = {}
+    for check in checks:
+        name, share = _ERRORS.get(check.name, ("", 1.0))
+        if name and check.value is not None and check.half_interval is not None:
+            size = share * math.hypot(check.value, check.half_interval / NORMAL_975)
+            found[name] = max(size, found.get(name, 0.0))
+    return ",".join(f"{name}={size:.2g}" for name, size in found.items())
 
 
 def problem_text(check: RigCheck) -> str:

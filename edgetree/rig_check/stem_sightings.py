@@ -13,7 +13,7 @@ from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import find_trees, measure_frame
 from edgetree.frames.rig import Rig
 from edgetree.live.tracking import StemTracker
-from edgetree.measure import Failure, MeasureSettings, StemAxis
+from edgetree.measure import EXACT_RIG, Failure, MeasureSettings, StemAxis
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
@@ -46,7 +46,8 @@ class StemFinder:
 
     def __init__(self, detector: TreeDetector, rig: Rig) -> None:
         self._detector = detector
-        self._rig = Rig(mounting=rig.mounting, rotation_deg=rig.rotation_deg)
+        # The rig is what is checked, so its errors are no excuse.
+        self._rig = Rig(mounting=rig.mounting, rotation_deg=rig.rotation_deg, uncertainty=EXACT_RIG)
         self._settings = MeasureSettings(lean_std_deg=_LEAN_STD_DEG)
         self._tracker = StemTracker()
         self.sightings: list[Sighting] = []

@@ -212,3 +212,14 @@ def test_missing_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="cannot be written"):
         save_camera(tmp_path / "folder", CAMERA)
     assert list(tmp_path.iterdir()) == [tmp_path / "folder"]
+
+
+def test_the_error_of_the_principal_point_goes_with_the_camera() -> None:
+    known = replace(CAMERA, principal_std_px=3.0)
+    assert known.scaled(640, 360).principal_std_px == 1.5
+    assert known.binned(2, 2).principal_std_px == 1.5
+    assert PinholeCamera.from_dict(known.to_dict()) == known
+    assert "principal_std_px" not in CAMERA.to_dict()
+    assert CAMERA.scaled(640, 360).principal_std_px is None
+    with pytest.raises(CameraError, match=r"principal_std_px is -1.0: expected 0 or more"):
+        replace(CAMERA, principal_std_px=-1.0)

@@ -131,6 +131,7 @@ def run_record(
             "camera": None if rig.camera is None else rig.camera.to_dict(),
             "up_camera": rig.up_camera,
             "mounting": None if rig.mounting is None else _transform(rig.mounting),
+            "uncertainty": asdict(rig.known_uncertainty()),
         },
         "measure": asdict(settings or MeasureSettings()),
     }

@@ -37,6 +37,7 @@ FUSED = np.dtype(
         ("next_stds", np.float64, (5,)),
         ("conflict", np.float64, (5,)),
         ("spread", np.float64, (5, 2)),
+        ("rig_stds", np.float64, (5,)),
     ]
 )
 """What is known of one stem.
@@ -51,6 +52,8 @@ FUSED = np.dtype(
 - `conflict`: chi-square per degree of freedom of the views where it is too large for chance, else
   1. The variances are multiplied by it.
 - `spread`: lowest and highest mean of a view.
+- `rig_stds`: deviations by the errors of the rig, which all frames share and no view makes
+  smaller. `stds` and `next_stds` are without them.
 """
 
 
@@ -73,6 +76,7 @@ def add_views(
     cells = _cells(stems, rows, seen, from_m, settings)
     fused, stds = stems["values"][rows], stems["stds"][rows]
     known = np.isfinite(seen.stds)
+    stems["rig_stds"][rows] = np.maximum(stems["rig_stds"][rows], seen.rig_stds)
     std = np.where(known, seen.stds, 1.0)
     off = np.abs(seen.values - fused) / np.where(np.isfinite(stds), np.hypot(stds, std), np.inf)
     weight = np.where(known, _HUBER_STDS / np.maximum(off, _HUBER_STDS), 0.0)

@@ -54,12 +54,13 @@ def report_tracks(
         [(place - motion.state[:2]) @ motion.rotation(), height_m - motion.height_m]
     )
     in_camera = level_place @ level
-    better = (
-        rows["next_stds"][:, DIAMETER] < (1 - settings.min_narrowing) * rows["stds"][:, DIAMETER]
+    now, following = (
+        np.hypot(rows[name], rows["rig_stds"])[:, DIAMETER] for name in ("stds", "next_stds")
     )
+    better = following < (1 - settings.min_narrowing) * now
     helps = (better | ~known[:, DIAMETER]).tolist()
     confirmed = stems.confirmed.tolist()
-    values, stds = rows["values"].tolist(), rows["stds"].tolist()
+    values, stds = rows["values"].tolist(), np.hypot(rows["stds"], rows["rig_stds"]).tolist()
     columns = zip(
         *(
             rows[name].tolist()

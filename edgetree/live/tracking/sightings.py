@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -19,6 +20,8 @@ DIAMETER, CUT_LEVEL = 0, 4
 
 # An axis that leans more than this, as horizontal metres per metre of height, is not a stem's.
 _MAX_SLOPE = 1.0
+# Of the deviation of a value, so that something is left for what frames do not share.
+_MOST_RIG_SHARE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,9 @@ class Sightings:
             metre of height.
         line_covariance: (M, 4, 4) covariance of its error.
         values: (M, 5) `QUANTITIES` and the height of the cut in the level frame; 0 where unknown.
-        stds: (M, 5) their standard deviations; infinite where unknown.
+        stds: (M, 5) their standard deviations without the errors of the rig; infinite where
+            unknown.
+        rig_stds: (M, 5) those of the rig's errors, which are the same in all frames.
     """
 
     tree: Index
@@ -43,14 +48,16 @@ class Sightings:
     line_covariance: Float
     values: Float
     stds: Float
+    rig_stds: Float
 
     def __len__(self) -> int:
         return len(self.tree)
 
     def select(self, rows: Index) -> Sightings:
         """Some of the sightings."""
-        arrays = (self.point_m, self.line, self.line_covariance, self.values, self.stds)
-        return Sightings(self.tree[rows], *(array[rows] for array in arrays))
+        arrays = (self.point_m, self.line, self.line_covariance)
+        scalars = (self.values, self.stds, self.rig_stds)
+        return Sightings(self.tree[rows], *(array[rows] for array in (*arrays, *scalars)))
 
     def in_map(self, motion: CameraMotion) -> Sightings:
         """The same sightings in the map, with the error of the camera's place in their lines."""
@@ -67,7 +74,7 @@ class Sightings:
         values[:, CUT_LEVEL] += np.where(np.isfinite(stds[:, CUT_LEVEL]), motion.height_m, 0.0)
         stds[:, CUT_LEVEL] = np.hypot(stds[:, CUT_LEVEL], np.sqrt(motion.height_variance))
         point = np.column_stack([line[:, :2], height_m])
-        return Sightings(self.tree, point, line, covariance, values, stds)
+        return Sightings(self.tree, point, line, covariance, values, stds, self.rig_stds)
 
     def at_height(self, height_m: Float) -> Sightings:
         """The same sightings with their lines taken at other heights (M,)."""
@@ -76,7 +83,8 @@ class Sightings:
         shift[:, 0, 2] = shift[:, 1, 3] = rise
         line = (shift @ self.line[..., None])[..., 0]
         covariance = shift @ self.line_covariance @ shift.transpose(0, 2, 1)
-        return Sightings(self.tree, self.point_m, line, covariance, self.values, self.stds)
+        scalars = (self.values, self.stds, self.rig_stds)
+        return Sightings(self.tree, self.point_m, line, covariance, *scalars)
 
     @classmethod
     def from_measurements(
@@ -102,7 +110,7 @@ class Sightings:
         if not measured:
             none = np.zeros((0, 5))
             return cls(
-                np.zeros(0, np.intp), none[:, :3], none[:, :4], np.zeros((0, 4, 4)), none, none
+                np.zeros(0, np.intp), none[:, :3], none[:, :4], np.zeros((0, 4, 4)), *[none] * 3
             )
         # 1. Turn the axes and their covariances to the level frame.
         indices, axes = np.array([index for index, _ in measured]), [axis for _, axis in measured]
@@ -111,7 +119,7 @@ class Sightings:
         point_covariance = level @ np.array([axis.point_covariance_m2 for axis in axes]) @ level.T
         turn_covariance = level @ np.array([axis.direction_covariance for axis in axes]) @ level.T
         # 2. Collect the scalar quantities; the height of the cut is that of the axis point.
-        values, stds = _quantities([measurements[index] for index in indices])
+        values, stds, rig_stds = _quantities([measurements[index] for index in indices])
         has_cut = np.array([bool(measurements[index].cut_point_m) for index in indices])
         values[has_cut, CUT_LEVEL] = point[has_cut, 2]
         stds[has_cut, CUT_LEVEL] = np.sqrt(point_covariance[has_cut, 2, 2])
@@ -131,20 +139,22 @@ class Sightings:
         place, turn = _projected(slope, point_covariance), _projected(slope, turn_covariance)
         covariance = _line_covariance(place, turn / upwards[:, None] ** 2, point, up_std_rad)
         line = np.concatenate([point[:, :2], slope], 1)
-        every = (point, line, covariance, values, stds)
+        every = (point, line, covariance, values, stds, rig_stds)
         return cls(indices[sound], *(array[sound] for array in every))
 
 
-def _quantities(measurements: list[TreeMeasurement]) -> tuple[Float, Float]:
+def _quantities(measurements: list[TreeMeasurement]) -> tuple[Float, Float, Float]:
     """(M, 5) values and deviations as in `Sightings`, without the heights of the cuts."""
     values = np.zeros((len(measurements), 5))
-    stds = np.full(values.shape, np.inf)
+    stds, rig_stds = np.full(values.shape, np.inf), np.zeros(values.shape)
     for row, measurement in enumerate(measurements):
         for column, name in enumerate(QUANTITIES):
             result = getattr(measurement, name)
             if isinstance(result, Estimate) and result.std > 0:
-                values[row, column], stds[row, column] = result
-    return values, stds
+                rig_std = min(measurement.rig_std.get(name, 0.0), _MOST_RIG_SHARE * result.std)
+                values[row, column], rig_stds[row, column] = result.value, rig_std
+                stds[row, column] = math.sqrt(result.std**2 - rig_std**2)
+    return values, stds, rig_stds
 
 
 def _projected(slope: Float, covariance: Float) -> Float:

@@ -16,7 +16,7 @@ import pytest
 
 from calib import PinholeCamera, pixels_to_rays, project_points
 from edgetree import TreeDetections
-from edgetree.measure import MeasureSettings, TreeMeasurement, measure_trees
+from edgetree.measure import EXACT_RIG, MeasureSettings, TreeMeasurement, measure_trees
 
 CAMERA = PinholeCamera(1280, 720, 700.0, 700.0, 639.5, 359.5)
 
@@ -296,7 +296,8 @@ class Scene:
         settings: MeasureSettings | None = EXACT,
         **options: object,
     ) -> TreeMeasurement:
-        """Measure a scene with one tree; `level` measures without a vertical."""
+        """Measure a scene with one tree, by an exact rig; `level` measures without a vertical."""
+        options.setdefault("rig_uncertainty", EXACT_RIG)
         [tree] = measure_trees(
             self.detections() if trees is None else trees,
             self.depth_m if depth_m is None else depth_m,

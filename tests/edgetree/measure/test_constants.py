@@ -12,7 +12,7 @@ def test_every_constant_is_listed_with_its_meaning_and_source(topic: str) -> Non
     listed = entries(TOPICS[topic])
     names = [name for name in vars(TOPICS[topic]) if name.isupper()]
     assert [entry.name for entry in listed] == names
-    assert len(names) > 10
+    assert len(names) > 2
     assert min(len(entry.meaning) for entry in listed) > 20
 
 

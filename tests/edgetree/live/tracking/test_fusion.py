@@ -177,3 +177,17 @@ def test_settings_are_checked(change, message):
         TrackingSettings(**change)
     with pytest.raises(InputError, match="expected numbers from 0 on"):
         ErrorShares(-0.1, 0.5, 0.5)
+
+
+def test_errors_of_the_rig_are_the_same_in_all_frames(rng):
+    forest = Forest(np.array([[0.0, 5.0]]), np.array([0.3]), rng, SHARES)
+    rig_m = 0.8 * DIAMETER_STD_M
+    tracker, other = StemTracker(SETTINGS), StemTracker(SETTINGS)
+    for index in range(50):
+        frame, trees, measured = forest.observe(index / 10, (0.08 * (index - 25), 0.0), 90.0)
+        (plain,) = other.update(frame, trees, measured)
+        shared = [replace(each, rig_std={"diameter_m": rig_m}) for each in measured]
+        (track,) = tracker.update(frame, trees, shared)
+    assert plain.diameter_m.std < rig_m < track.diameter_m.std
+    rest_m = math.sqrt(track.diameter_m.std**2 - rig_m**2)
+    assert rest_m == pytest.approx(0.6 * plain.diameter_m.std, rel=0.05)
