@@ -44,8 +44,8 @@ def tell_scale(
         unit = f"units of {nearest_mm:g} mm" if fits else f"another unit ({scale:.4g} times)"
         return (
             f"the depth would have a scale of {scale:.3f}, and those of depth cameras are within"
-            f" {MOST_SCALE_SHARE:.0%} of 1: the board has {sizes} (measure it, and correct --board),"
-            f" or the depth is in {unit} rather than in millimetres or metres (convert it)"
+            f" {MOST_SCALE_SHARE:.0%} of 1: the board has {sizes} (measure it, correct --board), or"
+            f" the depth is in {unit} rather than in millimetres or metres (convert it)"
         ), None
     if off > TOLD_SCALE_SHARE:
         return None, (

@@ -57,8 +57,8 @@ def solve_robustly(
         min_views: Smallest number of views to solve with.
 
     Returns:
-        The views used, without wrong points and on the board's own shape; the solution, None if fewer than `min_views` are
-        left; and what was left out.
+        The views used, without wrong points and on the board's own shape; the solution, None if
+        fewer than `min_views` are left; and what was left out.
     """
     intrinsics, poses = initial_estimate(views, size, model)
     before: list[_ViewCheck] = []

@@ -17,11 +17,14 @@ import numpy as np
 from basetree.arrays import Float
 
 _BENDS: Final = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-# Shares of half the board's diagonal.
+# Standard deviations of the prior: heights as shares of half the board's diagonal (2 mm of a board
+# of 25 cm), and the share of a stretch. Chosen wide: most views know the shape ten times better.
 _BEND_STD, _STRETCH_STD = 0.015, 0.01
+# A shape is told beyond 4 standard deviations and from these sizes on.
 _MOST_STDS: Final = 4.0
 _LEAST_BEND_M, _LEAST_STRETCH = 2e-4, 1e-3
 COUNT: Final = len(_BENDS) + 2
+"""Number of terms of a shape."""
 PRIOR_STDS: Final = np.array([_BEND_STD] * len(_BENDS) + [_STRETCH_STD] * 2)
 
 

@@ -113,6 +113,18 @@ def project(
     )
 
 
+def shape_derivatives(by_pose: Float, pose: Float, basis_m: Float) -> Float:
+    """Return the (2N, K) derivatives of `project` with respect to the terms of the board's shape.
+
+    Args:
+        by_pose: (2N, 6) derivatives with respect to the pose.
+        pose: (6,) rotation vector and translation in metres.
+        basis_m: (N, 3, K) from `BoardFrame.basis_m`.
+    """
+    turned_m = cv2.Rodrigues(pose[:3])[0] @ basis_m
+    return np.asarray((by_pose[:, 3:].reshape(-1, 2, 3) @ turned_m).reshape(-1, COUNT))
+
+
 def initial_estimate(
     views: Sequence[BoardView], size: tuple[int, int], model: str
 ) -> tuple[Float, list[Float | None]]:
@@ -281,9 +293,9 @@ class _NormalEquations:
                 basis_m = board.bases_m[i]
                 object_m = view.object_m + basis_m @ shape
                 xy_px, by_intrinsics, by_pose = project(model, intrinsics, poses[i], object_m)
-                turned_m = cv2.Rodrigues(poses[i, :3])[0] @ basis_m
-                by_shape = by_pose[:, 3:].reshape(-1, 2, 3) @ turned_m
-                by_camera = np.hstack([by_intrinsics, by_shape.reshape(-1, COUNT)])
+                by_camera = np.hstack(
+                    [by_intrinsics, shape_derivatives(by_pose, poses[i], basis_m)]
+                )
                 residuals = view.image_px - 0.5 - xy_px
                 self.residuals.append(residuals)
                 lengths_px = np.linalg.norm(residuals, axis=1)
