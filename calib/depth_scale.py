@@ -21,6 +21,7 @@ from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError, Failure
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
+from calib.scale_limits import tell_scale
 
 SCHEMA: Final = "calib.depth_scale/1"
 _EXPECTED: Final = "a depth scale as JSON"
@@ -208,7 +209,9 @@ def read_target(
     return TargetReadings(name, true_m, measured_m, camera.focal_std_px / camera.fx)
 
 
-def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScaleFailure:
+def fit_depth_scale(
+    targets: Sequence[TargetReadings], side_m: float | None = None
+) -> DepthScale | DepthScaleFailure:
     """Fit scale and offset to flat targets at different distances.
 
     The fit minimises the relative errors of the targets' mean depths. Each target has the same
@@ -219,11 +222,13 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
 
     Args:
         targets: Readings of each target.
+        side_m: Side of a square or tag of the board that was given, for messages.
 
     Returns:
         A DepthScale, or a falsy DepthScaleFailure if fewer than 4 targets agree, if they stood at
-        fewer than 3 distances, or if the farthest is less than 1.5 times as far as the nearest,
-        because then offset and scale cannot be separated.
+        fewer than 3 distances, if the farthest is less than 1.5 times as far as the nearest,
+        because then offset and scale cannot be separated, or if the scale is beyond that of depth
+        cameras, because then the board's size or the unit is wrong.
     """
     means = [mean for mean in map(_mean_of, targets) if mean is not None]
     dropped = {target.name for target in targets} - {mean.name for mean in means}
@@ -240,6 +245,9 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
         return DepthScaleFailure(f"the fitted scale is {line[0]:.2g}: expected more than 0")
     stretch = max(target.focal_std_share for target in targets) * line
     covariance = covariance + np.outer(stretch, stretch)
+    refused, _ = tell_scale(float(line[0]), math.sqrt(covariance[0, 0]), side_m)
+    if refused is not None:
+        return DepthScaleFailure(refused)
     return _result(means, line, covariance, [t.name for t in targets if t.name in dropped])
 
 

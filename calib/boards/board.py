@@ -44,6 +44,10 @@ class Board(Protocol):
             0; None if the board is not found.
         """
 
+    @property
+    def side_m(self) -> float:
+        """Length in metres that gives the board its size: of a square, a tag or a spacing."""
+
     def seen_in_part(self, grey: UInt8) -> str:
         """Tell what is seen of the board in an image where it was not found; empty if nothing."""
 
@@ -58,6 +62,11 @@ class Checkerboard(Settings, error=InputError):
     """Number of rows of inner corners."""
     square_m: float = field(metadata=LENGTH)
     """Side of a square in metres."""
+
+    @property
+    def side_m(self) -> float:
+        """See `Board.side_m`."""
+        return self.square_m
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see `Board.detect`.
@@ -101,6 +110,11 @@ class CircleGrid(Settings, error=InputError):
     as much if asymmetric."""
     asymmetric: bool = False
     """Whether every second row is shifted by `spacing_m`."""
+
+    @property
+    def side_m(self) -> float:
+        """See `Board.side_m`."""
+        return self.spacing_m
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see `Board.detect`."""

@@ -13,6 +13,7 @@ from basetree.arrays import Float
 from calib.boards.coverage import Coverage, coverage_of
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.robust import solve_robustly
+from calib.boards.shape import tell_shape
 from calib.boards.solve import PARAMETERS, BoardView, Solution
 from calib.boards.two_cameras import find_two_cameras, tell_left_out
 from calib.camera import PinholeCamera
@@ -135,7 +136,9 @@ def _result(
     coverage = coverage_of([view.image_px for view in views], size)
     apart, told = find_two_cameras(views, model, solution)
     reasons = _reasons_to_fail(camera, rms_px, coverage, len(results), dropped)
-    advice = _advice(results, coverage, _tilts_deg(solution.poses))
+    assert solution.shape_covariance is not None
+    shape = tell_shape(solution.frame, solution.shape, solution.shape_covariance)
+    advice = [*shape, *_advice(results, coverage, _tilts_deg(solution.poses))]
     return Calibration(
         camera,
         parameters,

@@ -53,6 +53,11 @@ class CharucoBoard(Settings, error=InputError):
         if problem is not None:
             self._refuse(*problem)
 
+    @property
+    def side_m(self) -> float:
+        """See `Board.side_m`."""
+        return self.square_m
+
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see `Board.detect`.
 
@@ -124,6 +129,11 @@ class AprilGrid(Settings, error=InputError):
         )
         if problem is not None:
             self._refuse(*problem)
+
+    @property
+    def side_m(self) -> float:
+        """See `Board.side_m`."""
+        return self.tag_m
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see `Board.detect`.

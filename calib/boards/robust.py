@@ -24,6 +24,7 @@ _MAX_ROUNDS: Final = 15
 # In units of the typical view's median residual.
 _HUBER_FACTOR, _VIEW_FACTOR, _POINT_FACTOR = 2.0, 3.0, 5.0
 _MIN_LIMIT_PX = 0.3
+_MEDIAN_LENGTH: Final = 1.1774  # of a vector of two normal errors of 1: sqrt(2 ln 2)
 _MAX_SHARE_OF_WRONG_POINTS = 0.3
 
 
@@ -56,15 +57,16 @@ def solve_robustly(
         min_views: Smallest number of views to solve with.
 
     Returns:
-        The views used, without wrong points; the solution, None if fewer than `min_views` are
-        left; and what was left out.
+        The views used, without wrong points and on the board's own shape; the solution, None if
+        fewer than `min_views` are left; and what was left out.
     """
     intrinsics, poses = initial_estimate(views, size, model)
     before: list[_ViewCheck] = []
+    shaped = list(views)
     for _ in range(_MAX_ROUNDS):
         residuals_px = [
             residual_lengths_px(view, model, intrinsics, pose)
-            for view, pose in zip(views, poses, strict=True)
+            for view, pose in zip(shaped, poses, strict=True)
         ]
         typical_px = float(np.median([np.median(residual_px) for residual_px in residuals_px]))
         checks = [_check_view(residual_px, typical_px) for residual_px in residuals_px]
@@ -73,16 +75,19 @@ def solve_robustly(
             return [views[i] for i in kept], None, _dropped(views, checks)
         subset = [_part(views[i], checks[i].right) for i in kept]
         start = np.array([poses[i] for i in kept])
+        noise_px = typical_px / _MEDIAN_LENGTH
         if [list(v.right) for v in before] == [list(v.right) for v in checks]:
             break
         tolerance_px = max(_HUBER_FACTOR * typical_px, _MIN_LIMIT_PX)
-        solution = refine(subset, model, intrinsics, start, tolerance_px)
+        solution = refine(subset, model, intrinsics, start, noise_px, tolerance_px)
+        shaped = solution.bent(views)
         intrinsics, before = solution.intrinsics, checks
         refined = dict(zip(kept, solution.poses, strict=True))
         poses = [
-            _better_pose(view, model, intrinsics, refined.get(i)) for i, view in enumerate(views)
+            _better_pose(view, model, intrinsics, refined.get(i)) for i, view in enumerate(shaped)
         ]
-    return subset, refine(subset, model, intrinsics, start), _dropped(views, checks)
+    solution = refine(subset, model, intrinsics, start, noise_px)
+    return solution.bent(subset), solution, _dropped(views, checks)
 
 
 def _check_view(residual_px: Float, typical_px: float) -> _ViewCheck:

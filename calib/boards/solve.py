@@ -6,20 +6,22 @@ appendix 6.
 
 Each standard deviation is the larger of two estimates. One treats the errors of all points as
 independent (Hartley and Zisserman, section 5.1.3). The other treats only the views as independent
-(Liang and Zeger, Biometrika, 1986), because a bent board, refocusing or a distortion model that is
-too simple gives all points of a view correlated errors.
+(Liang and Zeger, Biometrika, 1986), because refocusing or a distortion model that is too simple
+gives all points of a view correlated errors. The board's own shape is estimated too
+(`calib.boards.shape`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
 import numpy as np
 
 from basetree.arrays import Float
+from calib.boards.shape import COUNT, PRIOR_STDS, BoardFrame, frame_of
 from calib.distortion import FISHEYE
 
 PARAMETERS: Final = {
@@ -40,7 +42,7 @@ class BoardView:
     Attributes:
         name: Name of the image.
         image_px: (N, 2) continuous px.
-        object_m: (N, 3) metres on the board of the same points, z = 0.
+        object_m: (N, 3) metres on the board of the same points; z = 0 on a flat board.
     """
 
     name: str
@@ -57,12 +59,25 @@ class Solution:
         poses: (V, 6) rotation vector and translation in metres, board to camera coordinates.
         residuals_px: (N, 2) observed minus projected px of each view.
         stds: (P,) standard deviations of the intrinsics; None if the views do not determine them.
+        frame: The board as it was meant to be.
+        shape: (K,) how it differs, in the terms of `BoardFrame.basis_m`.
+        shape_covariance: (K, K) of the errors of `shape`; None if `stds` is.
     """
 
     intrinsics: Float
     poses: Float
     residuals_px: tuple[Float, ...]
     stds: Float | None
+    frame: BoardFrame
+    shape: Float
+    shape_covariance: Float | None
+
+    def bent(self, views: Sequence[BoardView]) -> list[BoardView]:
+        """Return views with the points where they are on the board as it is."""
+        return [
+            replace(v, object_m=v.object_m + self.frame.basis_m(v.object_m) @ self.shape)
+            for v in views
+        ]
 
 
 def project(
@@ -96,6 +111,18 @@ def project(
         derivatives[:, intrinsics_at],
         derivatives[:, pose_at],
     )
+
+
+def shape_derivatives(by_pose: Float, pose: Float, basis_m: Float) -> Float:
+    """Return the (2N, K) derivatives of `project` with respect to the terms of the board's shape.
+
+    Args:
+        by_pose: (2N, 6) derivatives with respect to the pose.
+        pose: (6,) rotation vector and translation in metres.
+        basis_m: (N, 3, K) from `BoardFrame.basis_m`.
+    """
+    turned_m = cv2.Rodrigues(pose[:3])[0] @ basis_m
+    return np.asarray((by_pose[:, 3:].reshape(-1, 2, 3) @ turned_m).reshape(-1, COUNT))
 
 
 def initial_estimate(
@@ -175,7 +202,7 @@ def _closed_form_pose(view: BoardView, intrinsics: Float, model: str) -> Float |
     if not (np.abs(flat) < _MAX_NORMALISED).all():
         return None
     found, rotation, translation_m = cv2.solvePnP(
-        view.object_m, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        view.object_m * (1.0, 1.0, 0.0), flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
     if not found:
         return None
@@ -188,28 +215,32 @@ def refine(
     model: str,
     intrinsics: Float,
     poses: Float,
+    noise_px: float,
     tolerance_px: float = np.inf,
 ) -> Solution:
-    """Minimise the squared reprojection errors.
+    """Minimise the squared reprojection errors over camera, poses and the board's shape.
 
     Args:
-        views: Points of the board in each image.
+        views: Points of the flat board in each image.
         model: "radtan" or "fisheye".
         intrinsics: (P,) starting values.
         poses: (V, 6) starting values.
+        noise_px: Error of a coordinate, against which the prior of the shape is weighed.
         tolerance_px: Residuals beyond this have linear weight (Huber loss).
     """
-    system = _NormalEquations(views, model, intrinsics, poses, tolerance_px)
+    board = _Board(views, noise_px)
+    shared = np.concatenate([intrinsics, np.zeros(COUNT)])
+    system = _NormalEquations(board, model, shared, poses, tolerance_px)
     damping = _INITIAL_DAMPING
     for _ in range(_MAX_STEPS):
         step = system.step(damping)
         if step is not None:
             candidate = _NormalEquations(
-                views, model, intrinsics + step[0], poses + step[1], tolerance_px
+                board, model, shared + step[0], poses + step[1], tolerance_px
             )
             if candidate.cost < system.cost:
                 gain = system.cost - candidate.cost
-                intrinsics, poses = intrinsics + step[0], poses + step[1]
+                shared, poses = shared + step[0], poses + step[1]
                 converged = gain < _MIN_RELATIVE_GAIN * system.cost
                 system, damping = candidate, damping / 10
                 if converged:
@@ -218,7 +249,22 @@ def refine(
         damping *= 10
         if damping > _MAX_DAMPING:
             break
-    return Solution(intrinsics, poses, tuple(system.residuals), system.stds())
+    intrinsics, shape = shared[:-COUNT], shared[-COUNT:]
+    covariance = system.covariance()
+    stds = None if covariance is None else np.sqrt(np.diag(covariance)[:-COUNT])
+    of_shape = None if covariance is None else covariance[-COUNT:, -COUNT:]
+    residuals_px = tuple(system.residuals)
+    return Solution(intrinsics, poses, residuals_px, stds, board.frame, shape, of_shape)
+
+
+class _Board:
+    """The views, how the board's shape moves their points, and the prior of the shape."""
+
+    def __init__(self, views: Sequence[BoardView], noise_px: float) -> None:
+        self.views = views
+        self.frame = frame_of([view.object_m for view in views])
+        self.bases_m = [self.frame.basis_m(view.object_m) for view in views]
+        self.prior = np.square(noise_px / PRIOR_STDS)
 
 
 class _NormalEquations:
@@ -229,13 +275,14 @@ class _NormalEquations:
 
     def __init__(
         self,
-        views: Sequence[BoardView],
+        board: _Board,
         model: str,
-        intrinsics: Float,
+        shared: Float,
         poses: Float,
         tolerance_px: float,
     ) -> None:
-        n = len(intrinsics)
+        views, n = board.views, len(shared)
+        intrinsics, shape = shared[:-COUNT], shared[-COUNT:]
         self.camera, self.camera_gradients = np.zeros((n, n)), np.zeros((len(views), n))
         self.both = np.zeros((len(views), n, 6))
         self.pose, self.pose_gradient = np.zeros((len(views), 6, 6)), np.zeros((len(views), 6))
@@ -243,7 +290,12 @@ class _NormalEquations:
         self.residuals: list[Float] = []
         with np.errstate(all="ignore"):
             for i, view in enumerate(views):
-                xy_px, by_camera, by_pose = project(model, intrinsics, poses[i], view.object_m)
+                basis_m = board.bases_m[i]
+                object_m = view.object_m + basis_m @ shape
+                xy_px, by_intrinsics, by_pose = project(model, intrinsics, poses[i], object_m)
+                by_camera = np.hstack(
+                    [by_intrinsics, shape_derivatives(by_pose, poses[i], basis_m)]
+                )
                 residuals = view.image_px - 0.5 - xy_px
                 self.residuals.append(residuals)
                 lengths_px = np.linalg.norm(residuals, axis=1)
@@ -256,29 +308,31 @@ class _NormalEquations:
                 self.both[i] = by_camera.T @ (weight * by_pose)
                 self.pose[i] = by_pose.T @ (weight * by_pose)
                 self.pose_gradient[i] = (weight * by_pose).T @ residual
+        self.prior_gradient = np.concatenate([0 * intrinsics, -board.prior * shape])
+        self.cost += float(np.sum(board.prior * shape**2))
+        self.camera[range(n - COUNT, n), range(n - COUNT, n)] += board.prior
         if not np.isfinite(self.cost):
             self.cost = np.inf
 
     def step(self, damping: float) -> tuple[Float, Float] | None:
-        """Return the steps of the intrinsics (P,) and poses (V, 6); None if singular."""
+        """Return the steps of intrinsics and shape (P + K,) and poses (V, 6); None if singular."""
         camera = self.camera + damping * np.diag(np.diag(self.camera))
         pose = self.pose + damping * self.pose * np.eye(6)
         try:
             eliminated = self.both @ np.linalg.inv(pose)
             reduced = camera - np.einsum("vij,vkj->ik", eliminated, self.both)
-            gradient = self.camera_gradients.sum(0) - np.einsum(
-                "vij,vj->i", eliminated, self.pose_gradient
-            )
-            intrinsics = np.linalg.solve(reduced, gradient)
-            rest = self.pose_gradient - np.einsum("vij,i->vj", self.both, intrinsics)
+            gradient = self.camera_gradients.sum(0) + self.prior_gradient
+            gradient -= np.einsum("vij,vj->i", eliminated, self.pose_gradient)
+            shared = np.linalg.solve(reduced, gradient)
+            rest = self.pose_gradient - np.einsum("vij,i->vj", self.both, shared)
             poses = np.linalg.solve(pose, rest[..., None])[..., 0]
         except np.linalg.LinAlgError:
             return None
-        finite = np.isfinite(intrinsics).all() and np.isfinite(poses).all()
-        return (intrinsics, poses) if finite else None
+        finite = np.isfinite(shared).all() and np.isfinite(poses).all()
+        return (shared, poses) if finite else None
 
-    def stds(self) -> Float | None:
-        """Return the (P,) standard deviations of the intrinsics; None if undetermined."""
+    def covariance(self) -> Float | None:
+        """Return the (P + K, P + K) covariance of intrinsics and shape; None if undetermined."""
         views = len(self.residuals)
         degrees_of_freedom = (
             2 * sum(map(len, self.residuals)) - len(self.camera) - self.pose_gradient.size
@@ -296,10 +350,12 @@ class _NormalEquations:
         except np.linalg.LinAlgError:
             return None
         squared_px2 = sum(float(np.sum(residuals**2)) for residuals in self.residuals)
-        by_points = np.diag(inverse) * squared_px2 / degrees_of_freedom
+        by_points = inverse * squared_px2 / degrees_of_freedom
         gradients = self.camera_gradients - np.einsum("vij,vj->vi", eliminated, self.pose_gradient)
         by_views = np.sum((gradients @ inverse) ** 2, axis=0) * views / (views - 1)
-        return np.asarray(np.sqrt(np.maximum(by_points, by_views)))
+        variances = np.diag(by_points)
+        larger = np.sqrt(np.maximum(variances, by_views) / variances)
+        return np.asarray(by_points * np.outer(larger, larger))
 
 
 def _matrix(intrinsics: Float) -> Float:

@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
-from calib.boards.solve import BoardView, Solution, project
+from calib.boards.solve import BoardView, Solution, project, shape_derivatives
 
 _MIN_VIEWS = 4  # of each half
 # Of a standard normal, as which the ratio of variances is read. Names such as left and right are a
 # reason to expect two cameras, so that a chance of 1 of 100 is told; of other names 1 of 10,000;
 # less for the many splits by order.
 _MOST_STDS_OF_EYES, _MOST_STDS_BY_NAME, _MOST_STDS_BY_ORDER = 2.33, 3.72, 5.0
-_TESTED = 3  # focal length and centre; then the difference of fx and fy, and the terms of the lens
+_TESTED = 3  # focal length and centre; then what all views share
 _EYE = re.compile(r"left|right|l|r|(cam|camera|infra|eye|lens|sensor)([0-9]{1,2}|[a-z])")
 
 
@@ -48,7 +48,8 @@ class _Score(NamedTuple):
 
     Attributes:
         gradient: (P,) of half the squared residuals, with the sign of a step that lowers them, for
-            steps of both focal lengths, cx, cy, fx alone, and the terms of the lens.
+            steps of both focal lengths, cx, cy, fx alone, the terms of the lens and of the
+            board's shape.
         information: (P, P) Gauss-Newton matrix of them.
     """
 
@@ -72,7 +73,7 @@ def find_two_cameras(
     """
     splits = list(_splits([view.name for view in views]))
     scores = [
-        _score(view, model, solution.intrinsics, pose)
+        _score(view, model, solution, pose)
         for view, pose in zip(views, solution.poses, strict=True)
     ]
     residuals = np.concatenate(solution.residuals_px)
@@ -145,12 +146,13 @@ def _splits(names: Sequence[str]) -> Iterator[Split]:
         yield Split(order % 2 == 0, "at odd and at even places", _MOST_STDS_BY_ORDER)
 
 
-def _score(view: BoardView, model: str, intrinsics: Float, pose: Float) -> _Score:
-    xy_px, by_camera, by_pose = project(model, intrinsics, pose, view.object_m)
+def _score(view: BoardView, model: str, solution: Solution, pose: Float) -> _Score:
+    xy_px, by_camera, by_pose = project(model, solution.intrinsics, pose, view.object_m)
+    by_shape = shape_derivatives(by_pose, pose, solution.frame.basis_m(view.object_m))
     residual = (view.image_px - 0.5 - xy_px).ravel()
     basis, _ = np.linalg.qr(by_pose)
     by_focal = by_camera[:, :2].sum(1), by_camera[:, 2], by_camera[:, 3], by_camera[:, 0]
-    by_camera = np.column_stack([*by_focal, by_camera[:, 4:]])
+    by_camera = np.column_stack([*by_focal, by_camera[:, 4:], by_shape])
     alone = by_camera - basis @ (basis.T @ by_camera)
     return _Score(alone.T @ residual, alone.T @ alone)
 

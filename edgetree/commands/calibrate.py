@@ -112,6 +112,16 @@ class _Outcome:
     sightings: BoardDetections
     result: Calibration | CalibrationFailure
     depth: DepthScale | DepthScaleFailure | None
+    side_m: float
+
+    def advice(self) -> list[str]:
+        """What would make the results better, or is to be looked at."""
+        from calib.scale_limits import tell_scale
+
+        told = None
+        if self.depth:
+            told = tell_scale(self.depth.scale, self.depth.scale_std, self.side_m)[1]
+        return [*([told] if told else []), *self.result.advice]
 
     def write(self, out: Path) -> dict[str, str | None]:
         """Write the files that are accurate enough; returns their paths by JSON key."""
@@ -153,6 +163,7 @@ class _Outcome:
             "repeated": list(seen.repeated),
             "seen_in_part": dict(seen.seen_in_part),
             **self.result.to_dict(),
+            "advice": self.advice(),
             "depth_scale": depth.to_dict() if depth else None,
             "depth_failure": depth.reason if isinstance(depth, DepthScaleFailure) else None,
         }
@@ -180,7 +191,7 @@ class _Outcome:
             yield from (_dropped_line(dropped) for dropped in self.result.dropped)
         if self.depth:
             yield from _depth_lines(self.depth)
-        yield from (f"advice: {advice}" for advice in self.result.advice)
+        yield from (f"advice: {advice}" for advice in self.advice())
 
 
 def _solve(
@@ -197,8 +208,8 @@ def _solve(
     result = calibrate_camera(seen.views, (seen.width, seen.height), model)
     depth = None
     if depth_frames is not None and result:
-        depth = _depth_scale(depth_frames, seen, result, left_out)
-    return _Outcome(seen, result, depth)
+        depth = _depth_scale(depth_frames, seen, result, board.side_m, left_out)
+    return _Outcome(seen, result, depth, board.side_m)
 
 
 def _pictures(frames: FrameSource, left_out: LeftOut) -> Iterator[Picture]:
@@ -215,7 +226,11 @@ def _pictures(frames: FrameSource, left_out: LeftOut) -> Iterator[Picture]:
 
 
 def _depth_scale(
-    frames: FrameSource, seen: BoardDetections, result: Calibration, left_out: LeftOut
+    frames: FrameSource,
+    seen: BoardDetections,
+    result: Calibration,
+    side_m: float,
+    left_out: LeftOut,
 ) -> DepthScale | DepthScaleFailure:
     from calib import fit_depth_scale, read_target
     from edgetree.sources.source import readable
@@ -229,7 +244,8 @@ def _depth_scale(
             )
             for frame in track(readable(frames, left_out.add), "reading depth", frames.count)
             if frame.name in poses and frame.depth_m is not None
-        ]
+        ],
+        side_m,
     )
 
 

@@ -23,6 +23,7 @@ from calib import (
     read_target,
     save_depth_scale,
 )
+from calib.scale_limits import tell_scale
 
 Float = NDArray[np.floating[Any]]
 
@@ -215,3 +216,40 @@ def test_bad_files_are_named(tmp_path: Path, change: dict[str, object], message:
     assert str(path) in str(caught.value)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("typed_share", [0.5, 0.8, 25.4 / 30, 1.12, 30 / 25, 2.0, 10.0])
+def test_a_board_of_another_size_than_given_is_refused(typed_share: float) -> None:
+    readings = [
+        TargetReadings(target.name, target.true_m * typed_share, target.measured_m)
+        for target in targets(1000)
+    ]
+    failure = fit_depth_scale(readings, side_m=0.025 * typed_share)
+    assert isinstance(failure, DepthScaleFailure)
+    side_mm = float(failure.reason.split("sides of ")[1].split(" mm")[0])
+    assert side_mm == pytest.approx(25 / SCALE, rel=0.01)
+    assert "or the depth is in" in failure.reason
+
+
+@pytest.mark.parametrize("unit_mm", [0.1, 10, 25.4])
+def test_depth_in_another_unit_is_refused_and_the_unit_named(unit_mm: float) -> None:
+    readings = [
+        TargetReadings(target.name, target.true_m, target.measured_m / unit_mm)
+        for target in targets(1000)
+    ]
+    failure = fit_depth_scale(readings)
+    assert isinstance(failure, DepthScaleFailure)
+    assert f"units of {unit_mm:g} mm" in failure.reason
+
+
+def test_a_scale_that_makers_do_not_state_is_told() -> None:
+    assert tell_scale(1.015, 0.002) == (None, None)
+    refused, told = tell_scale(0.96, 0.002, side_m=0.024)
+    assert refused is None
+    assert told is not None
+    assert "sides of 25 mm instead of the 24 mm given would explain it" in told
+    refused, told = tell_scale(1.0, 0.04)
+    assert refused is None
+    assert told is not None
+    assert "only known within 8%" in told
+    assert tell_scale(1.2, 1.0)[0] is not None

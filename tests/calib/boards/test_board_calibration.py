@@ -119,7 +119,7 @@ def test_a_blurred_view_is_dropped() -> None:
     assert isinstance(result, Calibration)
     (dropped,) = result.dropped
     assert (dropped.view, dropped.points) == (views[5].name, ())
-    assert dropped.reason.startswith("its median residual is 0.39 px")
+    assert dropped.reason.startswith("its median residual is 0.4 px")
 
 
 def test_too_few_views_are_rejected() -> None:

@@ -103,6 +103,20 @@ def test_depth_images_give_scale_and_offset(
     assert re.search(r"^depth: true = \(1\.0\d+ ± 0\.\d+\) x reading", table.out, re.MULTILINE)
 
 
+def test_a_square_typed_wrong_gives_no_depth_scale(
+    calibrate: Cli, board_files: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "camera.json"
+    typed = "charuco:8x6:0.036:0.0264:4x4_50"
+    options = ("--board", typed, "--depth", board_files / "depth", "--out", out)
+    done = calibrate(board_files / "pictures", *options)
+    assert done.code == 1
+    assert "no depth scale: the depth would have a scale of 1.2" in done.err
+    assert re.search(r"sides of 29\.\d+ mm instead of the 36 mm given", done.err)
+    assert "next:" not in done.err
+    assert not (tmp_path / "camera.depth_scale.json").exists()
+
+
 def test_a_broken_picture_is_named_and_the_camera_is_written(
     calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
