@@ -39,7 +39,6 @@ QUANTITIES: Final = (
 _UNITS: Final = ("cm_per_m", "m3", "deg", "m")
 
 
-
 def split_unit(quantity: str) -> tuple[str, str]:
     """Split one of `QUANTITIES` into its name and its unit, such as "taper" and "cm_per_m"."""
     unit = next(unit for unit in _UNITS if quantity.endswith(f"_{unit}"))
