@@ -125,22 +125,32 @@ class Case:
 
     def readings(self, quantity: str, source: str, settings: dict[str, Any]) -> list[Reading]:
         """The measured values of a quantity, such as "dbh_m", or all diameters of "profile"."""
-        result = []
-        for number, tree in self.measured(source, settings):
-            value = getattr(tree, quantity)
-            if not value:
-                continue
-            if isinstance(value, StemProfile):
-                for height_m, diameter_m, std_m in zip(
-                    value.height_m, value.diameter_m, value.diameter_std_m, strict=True
-                ):
-                    key = (number, round(10 * height_m))
-                    error_m = float(diameter_m - self._girth_m(number, height_m))
-                    result.append(Reading(key, error_m, float(std_m)))
-            else:
-                true = self._true_value(quantity, number, tree)
-                if true is not None:
-                    result.append(Reading((number, 0), value.value - true, value.std))
+        return [
+            reading
+            for number, tree in self.measured(source, settings)
+            for reading in self.of_tree(quantity, number, tree)
+        ]
+
+    def of_tree(self, quantity: str, number: int, tree: TreeMeasurement) -> list[Reading]:
+        """The values of a quantity, as of `readings`, that one measurement holds."""
+        value = getattr(tree, quantity)
+        if not value:
+            return []
+        if isinstance(value, StemProfile):
+            rows = zip(value.height_m, value.diameter_m, value.diameter_std_m, strict=True)
+            result = [
+                Reading(
+                    (number, round(10 * height_m)),
+                    float(diameter_m - self._girth_m(number, height_m)),
+                    float(std_m),
+                )
+                for height_m, diameter_m, std_m in rows
+            ]
+        else:
+            true = self._true_value(quantity, number, tree)
+            if true is None:
+                return []
+            result = [Reading((number, 0), value.value - true, value.std)]
         return [each for each in result if np.isfinite(each.error)]
 
     def _girth_m(self, number: int, height_m: float) -> float:

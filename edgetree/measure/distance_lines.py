@@ -13,13 +13,16 @@ from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.settings import MeasureSettings
 
-# Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
-# through these quantiles of the readings. Their support is counted on every fourth reading.
-_TILT_STDS = np.linspace(-6.0, 6.0, 15)
+# Candidates for the first line: tilts in standard deviations of the lean, closer together around
+# upright, through these quantiles of the readings. Their support is counted on every fourth
+# reading.
+_TILT_STDS = 3.2 * np.sinh(np.linspace(-2.0, 2.0, 17))
 _QUANTILES = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _SUPPORT_STEP = 4
 # A nearer candidate needs this fraction of the readings in each of so many parts of the length.
 _MIN_NEARER, _PARTS = 0.15, 4
+# Degrees of freedom of Student's t distribution of the tilt: a few stems lean far.
+_TILT_FREEDOM = 4.0
 # Residual in standard deviations from which Tukey's biweight is 0.
 _CUTOFF = 4.0
 # Added to the information on value and half angle, so that the equations can be solved.
@@ -109,7 +112,7 @@ def fit_distance_lines(
     lean_std_rad: float,
     rounds: int,
 ) -> NormalEquations:
-    """Robust lines through the inverse distances, with a normal prior on their tilt.
+    """Robust lines through the inverse distances, with a heavy-tailed prior on their tilt.
 
     Iteratively reweighted least squares with Tukey's biweights. In each round:
 
@@ -152,8 +155,11 @@ def fit_distance_lines(
         variance /= NOISE_PRIOR_READINGS + noise_weight.sum(1)
         equations = np.matmul(weighted, model.transpose(0, 2, 1))
         information, right = equations[..., :3], equations[..., 3]
-        # The prior: slope / value has mean tan(tilt) and standard deviation tan(lean_std_rad).
-        prior = 1 / (slope_std * np.abs(state[:, 0]) + 1e-9) ** 2
+        # The prior: slope / value has mean tan(tilt) and standard deviation tan(lean_std_rad). The
+        # normal equations of Student's t weigh it less the further off it is.
+        scale = slope_std * np.abs(state[:, 0]) + 1e-9
+        squared_tilt = ((state[:, 1] - slope * state[:, 0]) / scale) ** 2
+        prior = (_TILT_FREEDOM + 1) / (_TILT_FREEDOM + squared_tilt) / scale**2
         information += _RIDGE
         information[:, 1, 1] += prior
         right[:, 1] += prior * slope * state[:, 0]
@@ -215,8 +221,9 @@ def best_distance_lines(
         ],
         2,
     )
-    # The squared tilt, in standard deviations, is the penalty of a normal prior.
-    support = (near_parts.sum(-1) - _TILT_STDS[:, None] ** 2).reshape(len(count), -1)
+    # The penalty of the prior, twice its negative logarithm.
+    penalty = (_TILT_FREEDOM + 1) * np.log1p(_TILT_STDS**2 / _TILT_FREEDOM)
+    support = (near_parts.sum(-1) - penalty[:, None]).reshape(len(count), -1)
     rows = np.arange(len(count))
     best = support.argmax(1)
     middle = masked_means(height, used)[:, None, None]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from basetree.arrays import Float
+from basetree.errors import InputError
+from basetree.normal import NORMAL_975
 from edgetree.measure.profile import StemProfile
 
 JsonValue: TypeAlias = (
@@ -35,14 +38,22 @@ QUANTITIES: Final = (
 
 _UNITS: Final = ("cm_per_m", "m3", "deg", "m")
 
-# 97.5 % quantile of the standard normal distribution.
-_NORMAL_975 = 1.96
-
 
 def split_unit(quantity: str) -> tuple[str, str]:
     """Split one of `QUANTITIES` into its name and its unit, such as "taper" and "cm_per_m"."""
     unit = next(unit for unit in _UNITS if quantity.endswith(f"_{unit}"))
     return quantity.removesuffix(f"_{unit}"), unit
+
+
+def _unit_quantile(level: float) -> float:
+    """Half the width of an interval of Student's t with 4 degrees of freedom and deviation 1."""
+    if not 0 < level < 1:
+        raise InputError(f"the level is {level}: expected a number between 0 and 1, such as 0.95")
+    # With alpha = 4 p (1 - p) for the upper probability p = (1 + level) / 2.
+    root = math.sqrt(1 - level**2)
+    squared = 4 * (math.cos(math.acos(root) / 3) / root - 1)
+    # The variance of the distribution is 2.
+    return math.sqrt(squared / 2)
 
 
 class Estimate(NamedTuple):
@@ -64,8 +75,26 @@ class Estimate(NamedTuple):
 
     @property
     def interval95(self) -> tuple[float, float]:
-        """Lower and upper end of the 95 % confidence interval, for a normal error."""
-        return self.value - _NORMAL_975 * self.std, self.value + _NORMAL_975 * self.std
+        """Lower and upper end of the 95 % confidence interval: 1.96 standard deviations."""
+        return self.value - NORMAL_975 * self.std, self.value + NORMAL_975 * self.std
+
+    def interval(self, level: float) -> tuple[float, float]:
+        """Lower and upper end of the confidence interval of a level.
+
+        Errors are taken to follow Student's t distribution with 4 degrees of freedom, scaled to
+        the standard deviation `std`: most are smaller than normal errors of that deviation, and a
+        few are much larger, because what is doubtful is right as a rule. Its 95 % interval is that
+        of a normal error, `interval95`. The quantile is that of Shaw (2006, Sampling Student's t
+        distribution, Journal of Computational Finance 9(4)).
+
+        Args:
+            level: Probability of the interval, between 0 and 1, such as 0.9.
+
+        Raises:
+            InputError: The level is not between 0 and 1.
+        """
+        half = self.std * _unit_quantile(level)
+        return self.value - half, self.value + half
 
     def __bool__(self) -> Literal[True]:
         return True

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from edgetree.measure import (
     Estimate,
     Evidence,
@@ -142,3 +143,22 @@ def test_measured_records_are_plain_json(scene, pole, how):
             assert f"{name}_failure" not in record
         else:
             assert record[f"{name}_failure"]
+
+
+def test_intervals_of_other_levels_have_heavy_tails_and_agree_at_95_percent():
+    # Squared normal errors of 4 degrees of freedom make Student's t of a normal error.
+    rng = np.random.default_rng(2)
+    scale_m = np.sqrt(4 / rng.chisquare(4, 200_000) / 2)
+    error_m = 0.02 * scale_m * rng.normal(size=200_000)
+    for level in (0.1, 0.5, 0.68, 0.9, 0.95, 0.99):
+        low, high = Estimate(0.3, 0.02).interval(level)
+        assert low + high == pytest.approx(0.6)
+        assert np.mean(np.abs(error_m) < high - 0.3) == pytest.approx(level, abs=0.005)
+    estimate = Estimate(0.3, 0.02)
+    assert estimate.interval(0.95) == pytest.approx(estimate.interval95, abs=1e-4)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, -0.5, 95.0, float("nan")])
+def test_levels_are_between_0_and_1(level):
+    with pytest.raises(InputError, match="between 0 and 1"):
+        Estimate(0.3, 0.02).interval(level)
