@@ -137,6 +137,8 @@ class Case:
         if not value:
             return []
         if isinstance(value, StemProfile):
+            if value.heights_from != "ground":
+                return []
             rows = zip(value.height_m, value.diameter_m, value.diameter_std_m, strict=True)
             result = [
                 Reading(
@@ -163,6 +165,8 @@ class Case:
         if quantity == "axis_distance_m":
             return self._axis_distance_m(number)
         if quantity != "taper_cm_per_m" or not isinstance(tree.profile, StemProfile):
+            return None
+        if tree.profile.heights_from != "ground":
             return None
         height_m = tree.profile.height_m
         true_m = [self._girth_m(number, height) for height in height_m.tolist()]
