@@ -21,7 +21,7 @@ def test_a_branch_across_a_stem_without_depth_gives_no_distance(scene, pole, see
     rng, stem, stand, depth_m = stem_and_depth(scene, pole, seed)
     depth_m[stand.owner == 1] = 0
     row = rng.integers(60, 200)
-    depth_m[row : row + rng.integers(5, 15)] = stem.ahead_m * rng.uniform(0.2, 0.8)
+    depth_m[row : row + rng.integers(30, 50)] = stem.ahead_m * rng.uniform(0.2, 0.8)
     tree = stand.measure(depth_m=depth_m, settings=None)
     assert isinstance(tree.axis_distance_m, Failure)
     assert "branch" in tree.axis_distance_m.reason
@@ -38,5 +38,5 @@ def test_netting_in_front_of_a_stem_does_not_move_it(scene, pole, seed):
     tree = stand.measure(depth_m=depth_m, settings=None)
     assert isinstance(tree.axis_distance_m, Estimate)
     true_m = np.hypot(stem.right_m, stem.ahead_m)
-    assert abs(tree.axis_distance_m.value - true_m) < 0.15
+    assert abs(tree.axis_distance_m.value - true_m) < 2 * tree.axis_distance_m.std
     assert tree.inclination_deg.value < 3 * tree.inclination_deg.std
