@@ -12,6 +12,7 @@ from edgetree.measure.constants.outlines import MIN_INSET_PX
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
 from edgetree.measure.edge_lines import masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
+from edgetree.measure.layers import own_readings
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 # The front of the stems is found from readings at these positions across, in half widths.
@@ -55,7 +56,12 @@ def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
     across = np.broadcast_to(_FRONT * regions.half_px[:, None, None], (*along.shape, len(_FRONT)))
     xy_px = regions.points(across).reshape(len(along), -1, 2)
     depth_m = frame.depth_at(xy_px)
-    used = (depth_m > 0) & (frame.mask_probability(xy_px) >= MASK_THRESHOLD)
+    on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD).reshape(*along.shape, -1)
+    stations_m = np.where(on_stem, depth_m.reshape(on_stem.shape), 0.0)
+    edges_px = np.broadcast_to(OUTWARDS * regions.half_px[:, None], (2, *along.shape))
+    own = own_readings(frame, regions, edges_px, stations_m, on_stem)
+    depth_m = own.depth_m.reshape(depth_m.shape)
+    used = depth_m > 0
     depth_m = np.where(used, depth_m, 1.0)
     settings = frame.settings
     noise = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)

@@ -49,7 +49,7 @@ def gather_evidence(
         valid_depth_share=observed.valid_depth_fraction.item(index),
         visible_share=None if outline is None else outline.visible_fraction.item(index),
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
-        warnings=warnings + _disagreement(diameters, stds),
+        warnings=warnings + _disagreement(diameters, stds) + _doubtful_depth(observed, index),
     )
 
 
@@ -89,3 +89,13 @@ def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[
     if abs(keypoints_m - mask_m) <= MAX_DISAGREEMENT_STDS * std_m:
         return ()
     return (f"keypoints and mask disagree: {keypoints_m:.2f} m and {mask_m:.2f} m",)
+
+
+def _doubtful_depth(observed: StemObservations, index: int) -> tuple[str, ...]:
+    """A warning if the depth within the outline is no other than that beside it."""
+    if not observed.doubtful_depth[index]:
+        return ()
+    return (
+        "the depth on the stem goes on beside it: it may be of brush or netting in front of the"
+        " stem",
+    )

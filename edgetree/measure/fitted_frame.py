@@ -77,6 +77,11 @@ class FittedFrame:
             return "the mask shows hardly any of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
+        if not self.observed.plausible_depth[index]:
+            return (
+                "no depth on the stem: what has depth within its outline is a small part that may"
+                " be a branch or another thing in front"
+            )
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):

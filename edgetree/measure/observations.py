@@ -15,6 +15,7 @@ from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import fit_lines, masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.keypoints import LEFT, MIDDLE, RIGHT, TOP, Keypoints
+from edgetree.measure.layers import own_readings
 from edgetree.measure.outline import Outline, trace_outline
 from edgetree.measure.regions import OUTWARDS, STATIONS, SearchRegions
 from edgetree.measure.search_regions import find_regions
@@ -38,7 +39,10 @@ class StemObservations:
         axis_std_rad: (T, N) standard deviations of their angles; infinite for rays to ignore.
         readings: Depth readings within the outlines.
         on_stem_fraction: (T,) fraction of the depth samples that are on the stem's mask.
-        valid_depth_fraction: (T,) fraction of these that have a depth reading.
+        valid_depth_fraction: (T,) fraction of these that have a depth reading, without those of
+            things in front.
+        plausible_depth: (T,) whether these readings can be the stem's, see `OwnReadings`.
+        doubtful_depth: (T,) whether they may be of something in front.
     """
 
     outline: Outline | None
@@ -48,6 +52,8 @@ class StemObservations:
     readings: Readings
     on_stem_fraction: Float
     valid_depth_fraction: Float
+    plausible_depth: Bool
+    doubtful_depth: Bool
 
 
 def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> StemObservations:
@@ -82,6 +88,8 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
         readings=depth.readings,
         on_stem_fraction=depth.on_stem_fraction,
         valid_depth_fraction=depth.valid_fraction,
+        plausible_depth=depth.plausible,
+        doubtful_depth=depth.doubtful,
     )
 
 
@@ -92,12 +100,16 @@ class _DepthSamples(NamedTuple):
         readings: The samples as readings.
         on_stem_fraction: (T,) fraction of the samples on the stem's mask.
         valid_fraction: (T,) fraction of these with a depth reading.
+        plausible: (T,) whether they can be the stem's, see `OwnReadings`.
+        doubtful: (T,) whether they may be of something in front.
         median_m: (T,) their median depth; 1 where there is no reading.
     """
 
     readings: Readings
     on_stem_fraction: Float
     valid_fraction: Float
+    plausible: Bool
+    doubtful: Bool
     median_m: Float
 
 
@@ -116,6 +128,8 @@ def _sample_depth(
     rays, depth_m = frame.readings(xy_px)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
+    own = own_readings(frame, regions, edges_px, depth_m, on_stem)
+    depth_m = own.depth_m
     count = len(position)
     spacing = np.stack(
         [
@@ -133,6 +147,8 @@ def _sample_depth(
         readings=Readings(rays.reshape(count, -1, 3), flat, readings_per_error),
         on_stem_fraction=seen / flat.shape[1],
         valid_fraction=with_depth.sum(1) / np.maximum(seen, 1),
+        plausible=own.plausible,
+        doubtful=own.doubtful,
         median_m=np.where(median > 0, median, 1.0),
     )
 

@@ -32,6 +32,22 @@ Source: bound, noise exceeds it once in 370 times."""
 SURFACE_M: Final = 0.05
 """Depth that bark adds to that. Source: bound, bark is less deep."""
 
+BESIDE_SHARE: Final = 0.2
+"""Readings go on beside the stem if this share of the places there is as far away.
+Source: chosen on ray-traced scenes; a branch that crosses at one of three stations has a third."""
+
+MIN_OWN_SHARE: Final = 0.08
+"""Share of the places on a stem that must have a reading which does not go on beside it.
+Source: chosen on ray-traced scenes, so little of a stem shows behind dense netting."""
+
+MIN_OWN_STATIONS: Final = 0.25
+"""Share of the length along which such readings must lie: a branch crosses at one place.
+Source: chosen on ray-traced scenes."""
+
+FILLED_SHARE: Final = 0.5
+"""Readings that all go on beside the stem are those of a stem in a thicket if they fill this share
+of its places. Source: chosen by hand, branches and twigs cover less."""
+
 SEVERAL_STEMS_SCORE: Final = 0.4
 """A mask shows several stems from this score on; it is 0 for one round stem and 1 for two equal
 ones side by side. Source: chosen by hand."""

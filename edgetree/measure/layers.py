@@ -1,0 +1,134 @@
+"""Tell the depth of stems from that of things in front of them, which go on beyond their edges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from basetree.arrays import Bool, Float
+from edgetree.measure.constants.depth import (
+    BESIDE_SHARE,
+    FILLED_SHARE,
+    MIN_OWN_SHARE,
+    MIN_OWN_STATIONS,
+    SURFACE_M,
+    SURFACE_STDS,
+)
+from edgetree.measure.edge_lines import fit_lines, masked_medians
+from edgetree.measure.frame import DepthFrame
+from edgetree.measure.regions import OUTWARDS, SearchRegions
+
+# The depth beside a stem is read at these distances from its middle, in half widths, and at least
+# so far from its edge.
+_BESIDE = np.array([1.3, 1.55, 1.8])
+_MIN_BESIDE_PX = 3.0
+# Rounds of the line through the stem's own readings, by least absolute differences.
+_ROUNDS = 3
+
+
+def goes_on_beside(
+    frame: DepthFrame, regions: SearchRegions, edges_px: Float, depth_m: Float
+) -> Bool:
+    """Whether readings within the edges are of a surface that also shows beside the stem.
+
+    A stem's surface ends at its edges. Branches, netting and brush cross them at the same depth.
+    Each reading is compared with those beside the stem at its own and the two next stations, on
+    each side by itself. It goes on if `BESIDE_SHARE` of one side are as far away, within the noise
+    and `SURFACE_M`.
+
+    Args:
+        frame: Depth, camera and settings.
+        regions: Search regions.
+        edges_px: (2, T, S) left and right edges across the regions.
+        depth_m: (T, S, N) readings at the stations; 0 where there is none.
+
+    Returns:
+        (T, S, N) flags.
+    """
+    middle, reach = edges_px.sum(0) / 2, (edges_px[1] - edges_px[0]) / 2
+    apart = np.maximum(_BESIDE * reach[..., None], reach[..., None] + _MIN_BESIDE_PX)
+    xy_px = regions.points(middle[..., None] + OUTWARDS[..., None] * apart)
+    beside_m = np.where(_on_any_stem(frame, xy_px), 0.0, frame.depth_at(xy_px))
+    padded = np.pad(beside_m, ((0, 0), (0, 0), (1, 1), (0, 0)))
+    stations = depth_m.shape[1]
+    near = np.concatenate([padded[:, :, first : first + stations] for first in range(3)], -1)
+    within_m = _noise_m(frame, depth_m)
+    alike = np.abs(near[..., None, :] - depth_m[..., None]) < within_m[..., None]
+    share = (alike & (near > 0)[..., None, :]).mean(-1).max(0)
+    return np.asarray((depth_m > 0) & (share >= BESIDE_SHARE))
+
+
+class OwnReadings(NamedTuple):
+    """Readings without those of things in front of T stems.
+
+    Attributes:
+        depth_m: (T, S, N) readings; 0 where there is none.
+        plausible: (T,) whether they can be the stem's.
+        doubtful: (T,) whether nearly all of them go on beside the stem, so that they may as well be
+            of something that stands before it.
+    """
+
+    depth_m: Float
+    plausible: Bool
+    doubtful: Bool
+
+
+def own_readings(
+    frame: DepthFrame, regions: SearchRegions, edges_px: Float, depth_m: Float, on_stem: Bool
+) -> OwnReadings:
+    """Leave out readings of things in front, as far as the stem has enough of its own.
+
+    The readings that do not go on beside the stem give a line of inverse depth along it. Others
+    that are nearer than this line are left out. Where there are too few, all stay: a stem in a
+    thicket is as far away as what is beside it. Then they have to fill the outline, because a
+    branch or a twig does not.
+
+    Args:
+        frame: Depth, camera and settings.
+        regions: Search regions.
+        edges_px: (2, T, S) left and right edges across the regions.
+        depth_m: (T, S, N) readings at the stations; 0 where there is none.
+        on_stem: (T, S, N) places within the masks.
+    """
+    goes_on = goes_on_beside(frame, regions, edges_px, depth_m)
+    own = (depth_m > 0) & ~goes_on
+    places = np.maximum(on_stem.sum((1, 2)), 1)
+    along = own.any(2).sum(1) / np.maximum(on_stem.any(2).sum(1), 1)
+    enough = (own.sum((1, 2)) >= MIN_OWN_SHARE * places) & (along >= MIN_OWN_STATIONS)
+    front_m = _front_m(regions, depth_m, own)[..., None]
+    half_px = (edges_px[1] - edges_px[0])[..., None] / 2
+    within_m = half_px * front_m / frame.camera.fx + _noise_m(frame, front_m)
+    nearer = goes_on & (depth_m < front_m - within_m)
+    fills = (depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places
+    left_out = enough[:, None, None] & nearer
+    return OwnReadings(np.where(left_out, 0.0, depth_m), enough | fills, ~enough & fills)
+
+
+def _front_m(regions: SearchRegions, depth_m: Float, own: Bool) -> Float:
+    """(T, S) depths by a straight line of inverse depth through the stem's own readings."""
+    position = np.broadcast_to(regions.stations_px[..., None], own.shape).reshape(len(own), -1)
+    inverse = np.where(own, 1 / np.where(own, depth_m, 1.0), 0.0).reshape(position.shape)
+    weight = own.reshape(position.shape).astype(np.float64)
+    line = np.zeros_like(position)
+    for _ in range(_ROUNDS):
+        value, slope = fit_lines(position, inverse, weight)
+        line = value[:, None] + slope[:, None] * position
+        off = np.abs(inverse - line)
+        middle = masked_medians(off, own.reshape(position.shape))[:, None]
+        weight = own.reshape(position.shape) / np.maximum(off, middle + 1e-6)
+    front = line.reshape(own.shape)[..., 0]
+    return np.asarray(1 / np.maximum(front, 1e-3))
+
+
+def _noise_m(frame: DepthFrame, depth_m: Float) -> Float:
+    """By how much readings (...) of one surface may differ."""
+    settings = frame.settings
+    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
+    return np.asarray(SURFACE_STDS * noise_m + SURFACE_M)
+
+
+def _on_any_stem(frame: DepthFrame, xy_px: Float) -> Bool:
+    """(2, T, S, N) whether the points are on the mask of any tree."""
+    flat = frame.on_any_stem(xy_px.reshape(1, -1, 2))
+    return np.asarray(flat.reshape(xy_px.shape[:-1]))
