@@ -20,8 +20,6 @@ from edgetree.check.quantities import Share, check_quantity
 from edgetree.check.verdict import judge
 from edgetree.measure import Estimate, Failure
 
-from .conftest import diameter_tables
-
 Tables = Callable[..., tuple[MeasuredTable, CaliperTable]]
 
 
@@ -59,13 +57,15 @@ def test_the_power_is_how_often_a_bias_is_found() -> None:
 
 @pytest.mark.parametrize("count", [3, 5, 30])
 @pytest.mark.parametrize("heavy", [False, True])
-def test_a_good_machine_fails_in_five_of_a_hundred_at_most(count: int, heavy: bool) -> None:
+def test_a_good_machine_fails_in_five_of_a_hundred_at_most(
+    tables: Tables, count: int, heavy: bool
+) -> None:
     rng = np.random.default_rng(1000 + count)
     failed = 0
     for _ in range(400):
         true_m = rng.uniform(0.15, 0.6, count)
         noise = rng.standard_t(4, count) / 2**0.5 if heavy else rng.normal(size=count)
-        measured, caliper = diameter_tables(true_m, true_m * (1 + 0.05 * noise), 0.05 * true_m)
+        measured, caliper = tables(true_m, true_m * (1 + 0.05 * noise), 0.05 * true_m)
         check = check_quantity("diameter_m", tuple(map(Pair, measured.stems, caliper.stems)))
         assert not isinstance(check, Failure)
         failed += judge({"diameter_m": check}, Share(0, count)).outcome == "failed"
