@@ -2,6 +2,7 @@
 
     EdgetreeError              exit code 1
     ├── CheckFailed            exit code 1: the result did not pass a check
+    │   └── CheckUndecided     exit code 3: too little is known to pass or fail it
     ├── InputError             exit code 2: a file, folder or value given by the user cannot be used
     │   ├── InputFileError     exit code 2: a file is missing, unreadable or not writable
     │   ├── SettingsError      exit code 2: a setting is out of its range
@@ -21,6 +22,7 @@ from typing import ClassVar
 
 __all__ = [
     "CheckFailed",
+    "CheckUndecided",
     "EdgetreeError",
     "InputError",
     "InputFileError",
@@ -50,6 +52,12 @@ class EdgetreeError(Exception):
 
 class CheckFailed(EdgetreeError):
     """The result did not pass a check, such as the parity check of an export."""
+
+
+class CheckUndecided(CheckFailed):
+    """The result neither passed nor failed a check, as too little is known."""
+
+    exit_code = 3
 
 
 class InputError(EdgetreeError):

@@ -1,10 +1,12 @@
 """Compare measured stems with a caliper's: bias, scatter, and whether the stated errors hold."""
 
 from edgetree.check.acceptance import CheckResult, compare
+from edgetree.check.comparison import Comparison
 from edgetree.check.error_fit import ErrorFit, fit_errors
+from edgetree.check.gross import GrossError
 from edgetree.check.matching import Matching, Pair, match_stems
 from edgetree.check.plot import draw_check
-from edgetree.check.quantities import Comparison, NotMeasured, QuantityCheck, Share
+from edgetree.check.quantities import NotMeasured, QuantityCheck, Share
 from edgetree.check.stems import (
     CaliperStem,
     CaliperTable,
@@ -13,6 +15,7 @@ from edgetree.check.stems import (
     read_caliper,
     read_measured,
 )
+from edgetree.check.verdict import Power, Verdict
 
 __all__ = [
     "CaliperStem",
@@ -20,13 +23,16 @@ __all__ = [
     "CheckResult",
     "Comparison",
     "ErrorFit",
+    "GrossError",
     "Matching",
     "MeasuredStem",
     "MeasuredTable",
     "NotMeasured",
     "Pair",
+    "Power",
     "QuantityCheck",
     "Share",
+    "Verdict",
     "compare",
     "draw_check",
     "fit_errors",

@@ -10,8 +10,14 @@ from basetree.errors import InputError
 from edgetree.check.error_fit import ErrorFit, fit_errors
 from edgetree.check.matching import Matching, match_stems
 from edgetree.check.quantities import QuantityCheck, check_quantity
-from edgetree.check.records import fit_record, matching_record, quantity_record
+from edgetree.check.records import (
+    fit_record,
+    matching_record,
+    quantity_record,
+    verdict_record,
+)
 from edgetree.check.stems import CHECKED, CaliperTable, MeasuredTable
+from edgetree.check.verdict import Verdict, judge, missed_stems
 from edgetree.measure import Failure, MeasureSettings
 
 MAX_DISTANCE_M: Final = 0.5
@@ -27,6 +33,7 @@ class CheckResult:
         max_distance_m: Largest distance between two positions of one stem.
         quantities: The compared quantities, by their keys in `TreeMeasurement`.
         not_compared: Why a quantity of the caliper's table could not be compared, by quantity.
+        verdict: Whether the machine passes.
         fit: The fit of the stated errors, or why there is none.
     """
 
@@ -34,17 +41,13 @@ class CheckResult:
     max_distance_m: float
     quantities: dict[str, QuantityCheck]
     not_compared: dict[str, str]
+    verdict: Verdict
     fit: ErrorFit | Failure
 
     @property
-    def problems(self) -> list[str]:
-        """Why the check fails; empty if it passes. See `QuantityCheck.problems`."""
-        return [text for check in self.quantities.values() for text in check.problems()]
-
-    @property
     def passed(self) -> bool:
-        """Whether the check passes."""
-        return not self.problems
+        """Whether the check passes: it neither fails nor is undecided."""
+        return self.verdict.outcome == "passed"
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary. Lengths are in metres, shares between 0 and 1."""
@@ -56,8 +59,7 @@ class CheckResult:
             "not_compared": self.not_compared,
             "fit": None if isinstance(fit, Failure) else fit_record(fit),
             "fit_failure": fit.reason if isinstance(fit, Failure) else None,
-            "passed": self.passed,
-            "reasons": self.problems,
+            **verdict_record(self.verdict),
         }
 
 
@@ -102,7 +104,7 @@ def compare(
             f"{measured.source}: expected a measured diameter for a stem of {caliper.source},"
             f" found none ({'; '.join(reasons)})"
         )
-    diameter = quantities.get("diameter_m")
+    verdict = judge(quantities, missed_stems(matching))
     return CheckResult(
         matching=matching,
         max_distance_m=max_distance_m,
@@ -112,10 +114,19 @@ def compare(
             for name, each in results.items()
             if isinstance(each, Failure) and _was_read(name, caliper)
         },
-        fit=Failure("no diameter at the cut to fit the stated errors to")
-        if diameter is None
-        else fit_errors(diameter.comparisons, settings),
+        verdict=verdict,
+        fit=_fit(quantities.get("diameter_m"), verdict, settings),
     )
+
+
+def _fit(
+    diameter: QuantityCheck | None, verdict: Verdict, settings: MeasureSettings | None
+) -> ErrorFit | Failure:
+    if diameter is None:
+        return Failure("no diameter at the cut to fit the stated errors to")
+    if verdict.doubts:
+        return Failure(verdict.doubts[0])
+    return fit_errors(diameter.comparisons, settings)
 
 
 def _was_read(quantity: str, caliper: CaliperTable) -> bool:

@@ -17,8 +17,12 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from basetree.normal import MEDIAN_ABS_NORMAL, NORMAL_975
-from edgetree.check.quantities import BIAS_STDS, Comparison, Share
+from edgetree.check.comparison import Comparison
+from edgetree.check.quantities import Share
 from edgetree.measure import Estimate, Failure, MeasureSettings
+
+BIAS_STDS: Final = 3.0
+"""A scale is significant from this many of its standard deviations on."""
 
 MIN_STEMS: Final = 20
 """Fewest stems for a fit: the factor is then known to about 17 %."""

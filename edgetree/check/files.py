@@ -10,10 +10,10 @@ from typing import Final
 
 from basetree.files.writing import replacing, text_file
 from edgetree.check.acceptance import CheckResult
+from edgetree.check.comparison import Comparison
 from edgetree.check.error_fit import ErrorFit
 from edgetree.check.matching import Pair
 from edgetree.check.plot import draw_check
-from edgetree.check.quantities import Comparison
 from edgetree.check.records import fit_record
 from edgetree.check.stems import CHECKED
 from edgetree.measure import Failure

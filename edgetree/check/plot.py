@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from basetree.page.axis import Axis
-from edgetree.check.quantities import OUTLIER_STDS, Comparison, QuantityCheck
+from edgetree.check.comparison import Comparison
+from edgetree.check.quantities import OUTLIER_STDS, QuantityCheck
 from edgetree.check.report import QUANTITY_NAMES
 from edgetree.drawing.primitives import (
     Colour,
@@ -120,8 +121,9 @@ class _Canvas:
 
     def legend(self, check: QuantityCheck) -> None:
         """Explain bars, colours and lines in one row at the top."""
-        count = len(check.outliers)
+        count, left_out = len(check.outliers), len(check.gross_errors)
         self.text(f"{len(check.comparisons)} stems; bars: 95 % intervals", _LEFT, 30, 0.0)
-        self.text(f"outliers: {count}", _LEFT + _PANEL, 30, 1.0, _OUTLIER if count else _INK)
+        text = f"outliers: {count}" + (f", left out: {left_out}" if left_out else "")
+        self.text(text, _LEFT + _PANEL, 30, 1.0, _OUTLIER if count or left_out else _INK)
         bias = f"green line: mean error {check.bias_m * 100:+.2f} cm"
         self.text(bias, _LEFT + _PANEL + _GAP, 30, 0.0, _BIAS)

@@ -11,20 +11,13 @@ import numpy as np
 
 from basetree.arrays import Float
 from basetree.normal import NORMAL_975
+from edgetree.check.comparison import Comparison
+from edgetree.check.gross import GrossError, find_gross_errors, shifted_rows
 from edgetree.check.matching import Pair
-from edgetree.measure import Estimate, Failure
-
-MIN_COVERAGE: Final = 0.9
-"""The check fails if the 95 % intervals hold clearly less than this share of the readings."""
-
-BIAS_STDS: Final = 3.0
-"""A bias is significant from this many of its standard errors on."""
+from edgetree.measure import Failure
 
 OUTLIER_STDS: Final = 3.0
 """An error is an outlier from this many of its standard deviations on."""
-
-# A significant bias of less than this share of the mean diameter does not fail the check.
-_BIAS_SHARE: Final = 0.02
 
 
 @dataclass(frozen=True)
@@ -58,31 +51,6 @@ class Share:
         return max((centre - reach) / scale, 0.0), min((centre + reach) / scale, 1.0)
 
 
-class Comparison(NamedTuple):
-    """One quantity of one stem, measured by the machine and by the caliper."""
-
-    pair: Pair
-    measured: Estimate
-    caliper: Estimate
-
-    @property
-    def error(self) -> Estimate:
-        """Measured minus caliper, with the standard deviation of both together."""
-        std = math.hypot(self.measured.std, self.caliper.std)
-        return Estimate(self.measured.value - self.caliper.value, std)
-
-    @property
-    def standardised(self) -> float:
-        """The error in its standard deviations."""
-        return self.error.value / self.error.std
-
-    @property
-    def covered(self) -> bool:
-        """Whether the 95 % interval holds the caliper's value."""
-        low, high = self.error.interval95
-        return bool(low <= 0 <= high)
-
-
 class NotMeasured(NamedTuple):
     """A matched stem with a reading of the caliper, but without a measured value."""
 
@@ -96,13 +64,17 @@ class QuantityCheck:
 
     Attributes:
         quantity: Its key in `TreeMeasurement`, such as "diameter_m".
-        comparisons: The stems with both values, at least one.
+        comparisons: The stems with both values, at least one, without gross errors.
         not_measured: The stems with a reading of the caliper only.
+        gross_errors: The stems with both values that are left out.
+        shifted: By how many rows the caliper's readings seem to be shifted; 0 if they are not.
     """
 
     quantity: str
     comparisons: tuple[Comparison, ...]
     not_measured: tuple[NotMeasured, ...]
+    gross_errors: tuple[GrossError, ...] = ()
+    shifted: int = 0
 
     @cached_property
     def errors_m(self) -> Float:
@@ -149,8 +121,13 @@ class QuantityCheck:
 
     @property
     def coverage(self) -> Share:
-        """How many of the 95 % intervals hold the caliper's value."""
-        return Share(sum(each.covered for each in self.comparisons), len(self.comparisons))
+        """How many of the 95 % intervals hold the caliper's value.
+
+        Gross errors that the caliper's table does not explain count as not held.
+        """
+        unexplained = sum(not each.mistyped for each in self.gross_errors)
+        inside = sum(each.covered for each in self.comparisons)
+        return Share(inside, len(self.comparisons) + unexplained)
 
     @property
     def mean_squared_standardised_error(self) -> float:
@@ -161,33 +138,6 @@ class QuantityCheck:
     def outliers(self) -> list[Comparison]:
         """The stems with an error of more than `OUTLIER_STDS` standard deviations."""
         return [each for each in self.comparisons if abs(each.standardised) > OUTLIER_STDS]
-
-    def problems(self) -> list[str]:
-        """Why the check fails for this quantity; empty if it passes.
-
-        It fails if the Wilson interval of the coverage lies below `MIN_COVERAGE`. For diameters it
-        also fails if the bias is more than `BIAS_STDS` standard errors and more than 2 % of the
-        mean diameter.
-        """
-        found = []
-        name, coverage = self.quantity.removesuffix("_m").replace("_", " "), self.coverage
-        if coverage.interval95[1] < MIN_COVERAGE:
-            found.append(
-                f"{name}: the 95 % intervals hold {coverage.count} of {coverage.total} values,"
-                f" clearly less than {MIN_COVERAGE * 100:g} %"
-            )
-        bias_m, std_m = self.bias_m, self.bias_std_m
-        if (
-            self.quantity != "cut_height_m"
-            and std_m is not None
-            and abs(bias_m) > BIAS_STDS * std_m
-            and abs(bias_m) > _BIAS_SHARE * self.mean_m
-        ):
-            found.append(
-                f"{name}: the bias of {bias_m * 100:+.1f} cm is more than {BIAS_STDS:g} standard"
-                f" errors and {_BIAS_SHARE * 100:g} % of the mean"
-            )
-        return found
 
 
 def check_quantity(quantity: str, pairs: tuple[Pair, ...]) -> QuantityCheck | Failure:
@@ -209,8 +159,17 @@ def check_quantity(quantity: str, pairs: tuple[Pair, ...]) -> QuantityCheck | Fa
             not_measured.append(NotMeasured(pair, measured.reason))
         else:
             comparisons.append(Comparison(pair, measured, caliper))
-    if comparisons:
+    if comparisons and quantity == "cut_height_m":
         return QuantityCheck(quantity, tuple(comparisons), tuple(not_measured))
+    if comparisons:
+        gross = find_gross_errors(comparisons)
+        left_out = {id(each.comparison) for each in gross}
+        kept = [each for each in comparisons if id(each) not in left_out]
+        if not kept:
+            return Failure(f"all {len(gross)} readings look wrong, the first: {gross[0].cause}")
+        return QuantityCheck(
+            quantity, tuple(kept), tuple(not_measured), tuple(gross), shifted_rows(comparisons)
+        )
     if not_measured:
         reason = not_measured[0].reason
         return Failure(f"not measured on any of {len(not_measured)} stems, the first: {reason}")

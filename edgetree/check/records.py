@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
+from edgetree.check.comparison import Comparison
 from edgetree.check.error_fit import ErrorFit
 from edgetree.check.matching import Matching
-from edgetree.check.quantities import Comparison, QuantityCheck, Share
+from edgetree.check.quantities import QuantityCheck, Share
 from edgetree.check.stems import CaliperStem, MeasuredStem
+from edgetree.check.verdict import Verdict
 
 
 def matching_record(matching: Matching) -> dict[str, Any]:
@@ -49,6 +52,10 @@ def quantity_record(check: QuantityCheck) -> dict[str, Any]:
         "coverage": _share(check.coverage),
         "mean_squared_standardised_error": check.mean_squared_standardised_error,
         "outliers": [_outlier(each) for each in check.outliers],
+        "left_out": [
+            {**_outlier(each.comparison), "cause": each.cause, "mistyped": each.mistyped}
+            for each in check.gross_errors
+        ],
     }
 
 
@@ -86,4 +93,15 @@ def fit_record(fit: ErrorFit) -> dict[str, Any]:
         "coverage_before": _share(fit.coverage_before),
         "coverage_after": _share(fit.coverage_after),
         "settings": fit.settings,
+    }
+
+
+def verdict_record(verdict: Verdict) -> dict[str, Any]:
+    """The outcome, its reasons, and what the stems can show."""
+    return {
+        "passed": verdict.outcome == "passed",
+        "outcome": verdict.outcome,
+        "reasons": list(verdict.reasons),
+        "missed": {"count": verdict.missed.count, "total": verdict.missed.total},
+        "power": {name: asdict(each) for name, each in verdict.power.items()},
     }

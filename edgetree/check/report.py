@@ -7,9 +7,12 @@ from textwrap import wrap
 from typing import Final
 
 from edgetree.check.acceptance import CheckResult
-from edgetree.check.error_fit import MIN_STEMS, ErrorFit
+from edgetree.check.comparison import Comparison
+from edgetree.check.error_fit import ErrorFit
+from edgetree.check.gross import GrossError
 from edgetree.check.matching import Matching
-from edgetree.check.quantities import BIAS_STDS, Comparison, QuantityCheck, Share
+from edgetree.check.quantities import QuantityCheck, Share
+from edgetree.check.verdict import SMALL_BIAS, WANTED_POWER, Power, bias_interval
 from edgetree.measure import Failure
 
 QUANTITY_NAMES: Final = {
@@ -36,19 +39,23 @@ def report_lines(result: CheckResult) -> Iterator[str]:
     yield from _matching_lines(result.matching, result.max_distance_m)
     for check in result.quantities.values():
         yield ""
-        yield from _quantity_lines(check)
+        yield from _quantity_lines(check, result.verdict.power.get(check.quantity))
     for quantity, reason in result.not_compared.items():
         yield ""
         yield from _wrapped(f"{QUANTITY_NAMES[quantity]}: {reason}")
     yield ""
     yield from _fit_lines(result.fit)
     yield ""
-    stems = max(len(check.comparisons) for check in result.quantities.values())
-    if result.passed:
-        few = f", but {stems} stems say little" if stems < MIN_STEMS else ""
-        yield f"result: passed{few}"
-    for problem in result.problems:
-        yield from _wrapped(f"result: failed: {problem}")
+    verdict = result.verdict
+    if verdict.missed.count:
+        yield (
+            f"{verdict.missed.count} of {verdict.missed.total} stems of the caliper have no"
+            " diameter of the machine"
+        )
+    for reason in verdict.reasons:
+        yield from _wrapped(f"result: {verdict.outcome}: {reason}")
+    if verdict.outcome == "passed":
+        yield "result: passed"
 
 
 def _matching_lines(matching: Matching, limit_m: float) -> Iterator[str]:
@@ -74,7 +81,7 @@ def _wrapped(text: str) -> list[str]:
     return wrap(text, _LINE, subsequent_indent="  ")
 
 
-def _quantity_lines(check: QuantityCheck) -> Iterator[str]:
+def _quantity_lines(check: QuantityCheck, power: Power | None) -> Iterator[str]:
     name = QUANTITY_NAMES[check.quantity]
     yield f"{name}: {len(check.comparisons)} stems"
     yield _line("mean error", _bias_text(check))
@@ -87,6 +94,10 @@ def _quantity_lines(check: QuantityCheck) -> Iterator[str]:
         "squared error",
         f"{check.mean_squared_standardised_error:.2f} times the stated one (1 is right)",
     )
+    if power is not None:
+        yield _line("power", _power_text(power))
+    for error in check.gross_errors:
+        yield from _gross_lines(error)
     for each in check.outliers:
         yield _line("outlier", _outlier(each))
     for missing in check.not_measured:
@@ -102,10 +113,26 @@ def _bias_text(check: QuantityCheck) -> str:
     if std_m is None:
         return f"{text} cm"
     text = f"{text} ± {std_m * 100:.1f} cm"
-    if abs(check.bias_m) <= BIAS_STDS * std_m:
-        return f"{text}, which may be chance"
-    too = ("high", "low") if check.quantity == "cut_height_m" else ("thick", "thin")
-    return f"{text}: measured too {too[check.bias_m < 0]}"
+    if check.quantity == "cut_height_m":
+        return text
+    low, high = bias_interval(check)
+    return f"{text}; in the long run {low * 100:+.1f} to {high * 100:+.1f} % of the diameter"
+
+
+def _power_text(power: Power) -> str:
+    seen = (
+        f"with {power.stems} stems, a bias of {SMALL_BIAS * 100:g} % would be seen in"
+        f" {power.small_bias * 100:.0f} of 100 cases"
+    )
+    if power.small_bias >= WANTED_POWER:
+        return seen
+    return f"{seen}; {WANTED_POWER * 100:g} need {power.needed_small} stems"
+
+
+def _gross_lines(error: GrossError) -> Iterator[str]:
+    yield _line("left out", _outlier(error.comparison))
+    counted = "" if error.mistyped else "; counts as not held"
+    yield _line("", f"line {error.comparison.pair.caliper.line}: {error.cause}{counted}")
 
 
 def _line(label: str, text: str) -> str:

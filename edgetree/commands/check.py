@@ -50,10 +50,10 @@ def check(
     Prints the bias, the scatter and how many of the 95 % intervals hold the caliper's value. From
     20 stems on, the stated errors are fitted to the machine.
 
-    The exit code is 1 if the intervals hold clearly less than 90 %, or if the diameters have a
-    bias of more than 3 standard errors and more than 2 % of their mean.
+    The exit code is 0 if the machine passes, 1 if it fails, and 3 if it cannot be judged: the
+    stems are too few, or several readings of the caliper look wrong.
     """
-    from basetree.errors import CheckFailed, InputError
+    from basetree.errors import CheckFailed, CheckUndecided, InputError
     from basetree.files.writing import check_paths, output_folder
     from edgetree.check import compare, read_caliper, read_measured
     from edgetree.check.files import check_files, write_files
@@ -82,5 +82,8 @@ def check(
         note(f"written: {path}")
     if out is None:
         note(f"next: edgetree check {quoted(measured)} {quoted(caliper)} --out check")
-    if not result.passed:
-        raise CheckFailed(f"{measured}: the check failed: {'; '.join(result.problems)}")
+    reasons = "; ".join(result.verdict.reasons)
+    if result.verdict.outcome == "failed":
+        raise CheckFailed(f"{measured}: the check failed: {reasons}")
+    if result.verdict.outcome == "undecided":
+        raise CheckUndecided(f"{measured}: the check is undecided: {reasons}")

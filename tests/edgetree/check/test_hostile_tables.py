@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from basetree.errors import InputError
-from edgetree.check import compare, read_caliper, read_measured
+from edgetree.check import Comparison, compare, read_caliper, read_measured
 from edgetree.check import csv_file as reading
 from edgetree.check.error_fit import fit_errors
-from edgetree.check.quantities import Comparison
 from edgetree.check.stems import MeasuredTable
 from edgetree.measure import Estimate
 
