@@ -10,9 +10,9 @@ from edgetree.measure.regions import SearchRegions
 
 # The lower end is looked for along three lines, in half widths, at samples that are denser below.
 _LINES = np.array([-0.5, 0.0, 0.5])
-_SAMPLES = 96
+_SAMPLES = 48
 # The search starts this much of the length below the region, whose ends are not those of the mask.
-_MARGIN = 0.02
+_MARGIN = 0.005
 
 
 def lowest_seen_px(frame: DepthFrame, regions: SearchRegions) -> Float:
