@@ -102,7 +102,8 @@ Up: TypeAlias = Annotated[
         metavar="X,Y,Z",
         help="Direction opposite to gravity in the camera's frame (x right, y down, z forward), as"
         " from an IMU; 0,-1,0 for a level camera. If not given: the vertical of a level machine"
-        " with --mounting, otherwise the normal of the ground.",
+        " with --mounting, otherwise an estimate from the other stems, the ground and the"
+        " camera.",
     ),
 ]
 Mounting: TypeAlias = Annotated[

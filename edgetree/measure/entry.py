@@ -55,8 +55,8 @@ def measure_trees(
         masks: (N, H, W) bool masks that replace those of the detections, for example drawn by
             hand or from another segmentation.
         up_camera: (3,) direction away from gravity in camera coordinates, as from an IMU. By
-            default the mounting's, for a level machine. Without both, heights and inclinations
-            refer to the normal of the ground plane.
+            default the mounting's, for a level machine. Without both, it is estimated at
+            each stem from the other stems, the ground and the camera.
         mounting: Transform from camera to machine coordinates (x forward, y left, z up).
         settings: Assumed errors and limits. Those of keypoints and mask edges are multiplied by
             `detections.error_factor`.

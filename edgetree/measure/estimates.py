@@ -36,6 +36,8 @@ QUANTITIES: Final = (
 )
 """The scalar quantities of a `TreeMeasurement`, in the order of its records."""
 
+_SIGNED: Final = frozenset(("lean_direction_deg", "taper_cm_per_m"))
+
 _UNITS: Final = ("cm_per_m", "m3", "deg", "m")
 
 
@@ -153,11 +155,16 @@ def interval_keys(quantity: str) -> tuple[str, ...]:
 
 
 def interval_values(quantity: str, result: Estimate | Failure) -> dict[str, float | str]:
-    """A value with its standard deviation and 95 % interval by `interval_keys`, or the reason."""
+    """A value with its standard deviation and 95 % interval by `interval_keys`, or the reason.
+
+    The lower end is cut at 0, except for lean directions and tapers, which have a sign.
+    """
     *numbers, failure = interval_keys(quantity)
     if isinstance(result, Failure):
         return {failure: result.reason}
-    return dict(zip(numbers, (*result, *result.interval95), strict=True))
+    low, high = result.interval95
+    low = low if quantity in _SIGNED else max(low, 0.0)
+    return dict(zip(numbers, (*result, low, high), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +181,8 @@ class Evidence:
         visible_share: Fraction of the stem's length, from the bottom to the top of its box, that
             the mask shows; None without a mask.
         ground: Reference of the heights, as text.
+        distance_at: Where `TreeMeasurement.distance_m` is taken: "felling cut", or without
+            keypoints "lowest seen part of the stem"; empty if there is no such distance.
         warnings: Problems to know about before using the values.
     """
 
@@ -184,6 +193,7 @@ class Evidence:
     valid_depth_share: float = 0.0
     visible_share: float | None = None
     ground: str = ""
+    distance_at: str = ""
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, JsonValue]:
@@ -196,6 +206,7 @@ class Evidence:
             "valid_depth_share": self.valid_depth_share,
             "visible_share": self.visible_share,
             "ground": self.ground,
+            "distance_at": self.distance_at,
             "warnings": list(self.warnings),
         }
 
@@ -218,7 +229,7 @@ class TreeMeasurement:
             the right, -90 to the left, 180 towards the camera. Without a given vertical it needs
             three other stems.
         distance_m: Distance from the camera's centre to the axis at the felling cut; without
-            keypoints, to the middle of the visible part of the mask.
+            keypoints, at the lowest part of the stem that the mask shows (`Evidence.distance_at`).
         axis_distance_m: Shortest distance from the camera's centre to the line of the stem's axis.
             For an upright stem it is the horizontal distance. It needs neither the felling cut nor
             the ground.

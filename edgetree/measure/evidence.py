@@ -6,9 +6,13 @@ import math
 
 from edgetree.measure.constants.outlines import MAX_DISAGREEMENT_STDS
 from edgetree.measure.estimates import Estimate, Evidence, Failure
+from edgetree.measure.even_cover import hidden_std_m
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.stem_fit import Stems
+
+FELLING_CUT, LOWEST_SEEN = "felling cut", "lowest seen part of the stem"
+"""Places at which the distance is taken."""
 
 _SOURCES = ("keypoints", "mask", "depth")
 # A source is named in `Evidence.method` from this weight on.
@@ -20,6 +24,7 @@ def gather_evidence(
     stems: Stems,
     observed: StemObservations,
     ground: BaseGround | Failure,
+    place: str,
     warnings: tuple[str, ...],
 ) -> Evidence:
     """Describe what the measurement of one stem is based on.
@@ -29,6 +34,7 @@ def gather_evidence(
         stems: The fitted stems.
         observed: The observations that they are fitted to.
         ground: Ground at the stem.
+        place: Where the distance is taken.
         warnings: Warnings about other values of the stem, which come first.
     """
     distance_m = stems.distance_m.item(index)
@@ -50,6 +56,8 @@ def gather_evidence(
         visible_share=None if outline is None else outline.visible_fraction.item(index),
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
         warnings=warnings + _disagreement(diameters, stds) + _doubtful_depth(observed, index),
+        distance_at=place,
+        warnings=warnings + _disagreement(diameters, stds),
     )
 
 
@@ -59,7 +67,7 @@ def stump_warning(
     ground: BaseGround | Failure,
     limit_m: float,
 ) -> tuple[str, ...]:
-    """A warning if the stump would be too high, or may be because plants hide the ground.
+    """A warning if the stump would be too high, or may be because plants or snow hide the ground.
 
     Args:
         height: Height of the cut.
@@ -77,6 +85,9 @@ def stump_warning(
     hidden = isinstance(ground, BaseGround) and ground.overgrown
     if hidden and height.interval95[1] > limit_m:
         return (f"plants hide the ground: the stump may be too high, {stump}",)
+    if hidden_std_m(height.value) > max(above_surface.std, height.value / 2):
+        low = f"the felling cut is only {height.value:.2f} ± {height.std:.2f} m above the surface"
+        return (f"plants or snow with an even top may hide the ground: {low}",)
     return ()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from calib import RigidTransform
+from calib.directions import lengths
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
@@ -18,10 +19,12 @@ from edgetree.measure.constants.stems import (
     CUT_SHAPE,
     MAX_RELATIVE_STD,
     MIN_DIAMETER_M,
+    TAPER_PER_M,
 )
 from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
-from edgetree.measure.evidence import gather_evidence, stump_warning
+from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
+from edgetree.measure.foot import lowest_seen_px, lowest_std_px
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
@@ -106,29 +109,56 @@ class FittedFrame:
         """(T, 3) axis points at the felling cuts.
 
         Each is level with the point where the ray of the cut's keypoint meets the front of the
-        stem. If the cut is not in the image, it is the axis point of the section.
+        stem. If the cut is not in the image, it is the axis point of the section; if the model
+        gives no keypoints, it is the lowest one that the mask shows.
         """
+        xy_px, known = self.keypoints.xy_px[:, CUT], self.keypoints.within[:, CUT]
+        if not self.keypoints.offered:
+            xy_px, known = self._lowest_px, np.isfinite(self._lowest_px).all(1)
+        return self._axis_points(xy_px, known)
+
+    def _axis_points(self, xy_px: Float, known: Bool) -> Float:
+        """(T, 3) axis points level with the bark at (T, 2) pixels, or those of the section."""
         sections = self.stems.sections
-        rays = self.frame.rays(
-            np.where(self.keypoints.within[:, CUT, None], self.keypoints.xy_px[:, CUT], 0.0)
-        )
         along, view_direction = sections.axes.along, sections.view_direction
+        rays = self.frame.rays(np.where(known[:, None], xy_px, 0.0))
         slope = (rays * along).sum(1) / (rays * view_direction).sum(1) * sections.front_ratio
-        height_ratio = np.where(self.keypoints.within[:, CUT], slope, sections.height_ratio)
+        height_ratio = np.where(known, slope, sections.height_ratio)
         points = view_direction + height_ratio[:, None] * along
         return np.asarray(self.stems.distance_m[:, None] * points)
+
+    @cached_property
+    def _lowest_px(self) -> Float:
+        """(T, 2) lowest points of the masks on their stems; NaN where there are none."""
+        if self.observed.outline is None:
+            return np.full((len(self.stems.distance_m), 2), np.nan)
+        return lowest_seen_px(self.frame, self.observed.outline.regions)
+
+    @cached_property
+    def _lowest_std_rad(self) -> Float:
+        """(T,) standard deviations of their directions, up and down."""
+        if self.observed.outline is None:
+            return np.zeros(len(self.stems.distance_m))
+        reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
+        return np.asarray(lowest_std_px(self.frame) / reach_px)
 
     def bases(self, cuts: Float, indices: Index) -> StemBases:
         """The lower ends of some stems; `cuts` are the (T, 3) axis points at all felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
         foot_within = keypoints.within[:, CUT] | ~keypoints.reaches_lower_side
+        seen = np.isfinite(self._lowest_px).all(1)
+        front = self.stems.radius_m[:, None] * sections.view_direction
+        feet = np.where(seen[:, None], self._axis_points(self._lowest_px, seen) - front, np.nan)
+        feet_std_m = self.stems.distance_m * self._lowest_std_rad
         return StemBases(
             indices=indices,
             cuts=cuts[indices],
             lowest=(self.stems.distance_m[:, None] * sections.centre + along)[indices],
             radii_m=self.stems.radius_m[indices],
             foot_within=foot_within[indices],
+            feet=feet[indices],
+            feet_std_m=feet_std_m[indices],
         )
 
     @cached_property
@@ -173,7 +203,10 @@ class FittedFrame:
             grounds: Ground at each stem.
         """
         stems = self.stems
+        stems, camera = self.stems, self.frame.camera
+        cover_m = [each.cover_std_m if isinstance(each, BaseGround) else 0.0 for each in grounds]
         shared = (
+            TAPER_PER_M * np.array(cover_m),
             stems.distance_std_m / stems.distance_m,
             np.full_like(stems.distance_m, self.frame.rig.size_std),
             self.incomplete_std,
@@ -255,6 +288,7 @@ class FittedFrame:
         if problem is not None:
             above_surface = problem
         height = stem.height_above_seen_ground(above_surface, ground)
+        bend_rad = math.radians(self.settings.bend_std_deg)
         species, limit_m = self.settings.species, self.settings.max_stump_height_m
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
@@ -262,8 +296,10 @@ class FittedFrame:
             cut_height_m=height,
             inclination_deg=inclination,
             lean_direction_deg=direction,
-            distance_m=stem.distance if problem is None or not self.keypoints.offered else problem,
-            axis_distance_m=stem.axis_distance(math.radians(self.settings.bend_std_deg)),
+            distance_m=stem.distance(bend_rad)
+            if problem is None or not self.keypoints.offered
+            else problem,
+            axis_distance_m=stem.axis_distance(bend_rad),
             taper_cm_per_m=taper.taper_cm_per_m,
             seen_volume_m3=taper.seen_volume_m3,
             volume_m3=_volume(species, taper.dbh_m),
@@ -271,12 +307,13 @@ class FittedFrame:
             species=species,
             cut_point_m=stem.cut_point() if problem is None else problem,
             cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
-            axis=stem.axis(math.radians(self.settings.bend_std_deg), problem is None),
+            axis=stem.axis(bend_rad, problem is None),
             evidence=gather_evidence(
                 index,
                 self.stems,
                 self.observed,
                 ground,
+                self._place(problem),
                 warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
             rig_std=stem.rig_std(taper.dbh_m, height, vertical),
@@ -299,12 +336,20 @@ class FittedFrame:
             return Failure("the felling cut is not in the image")
         return stem.cut_failure(height, bool(self.keypoints.has_section[index]))
 
+    def _place(self, problem: Failure | None) -> str:
+        """Where `TreeMeasurement.distance_m` is taken; empty if it is not known."""
+        if problem is None:
+            return FELLING_CUT
+        return "" if self.keypoints.offered else LOWEST_SEEN
+
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
-        # Without a cut, the position is that of the section, which no keypoint's error moves.
-        has_cut = self.keypoints.within[index, CUT]
-        cut_std_px = self.keypoints.std_px.item(index, CUT, 1) if has_cut else 0.0
         reach_px = self.frame.camera.fx * math.hypot(*self.observed.edges.middle[index].tolist())
+        cut_rad = 0.0
+        if self.keypoints.within[index, CUT]:
+            cut_rad = self.keypoints.std_px.item(index, CUT, 1) / reach_px
+        elif not self.keypoints.offered:
+            cut_rad = self._lowest_std_rad.item(index)
         radius_m = stems.radius_m.item(index)
         doubt = 1 + AXIS_DOUBT * self.incomplete_std.item(index)
         return StemPosition(
@@ -314,7 +359,7 @@ class FittedFrame:
             radius_m=radius_m,
             distance_std_m=stems.distance_std_m.item(index),
             diameter_std_m=self.diameter_std_m.item(index),
-            cut_rad=cut_std_px / reach_px,
+            cut_rad=cut_rad,
             shape_std_m=CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
             roll_std_rad=self.roll_std_rad.item(index) * doubt,
             tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from basetree.arrays import Bool, Float, Index
 from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
 from edgetree.measure.constants.ground import (
     DEPARTURE_STD_PER_M,
+    FOOT_STDS,
+    GAP_WITHIN_M,
     LIFT,
     LITTER_STD_M,
     MAX_ABOVE_STEM_M,
@@ -27,7 +29,7 @@ from edgetree.measure.constants.ground import (
 )
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m
+from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
 from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
@@ -150,6 +152,8 @@ class StemBases(NamedTuple):
             they never do.
         radii_m: (T,) radii of the stems.
         foot_within: (T,) whether the foot is in the image, as far as one can tell.
+        feet: (T, 3) lowest camera points at which the mask shows the bark; NaN without a mask.
+        feet_std_m: (T,) standard deviations of their heights.
     """
 
     indices: Index
@@ -157,6 +161,8 @@ class StemBases(NamedTuple):
     lowest: Float
     radii_m: Float
     foot_within: Bool
+    feet: Float
+    feet_std_m: Float
 
 
 def find_grounds(
@@ -164,10 +170,10 @@ def find_grounds(
 ) -> list[BaseGround | Failure]:
     """Fit the ground around each stem.
 
-    1. Sample the depth on a grid around each cut, leaving out the stems.
+    1. Sample the depth on a grid around each cut or foot, leaving out the stems.
     2. Fit the lowest plane that many of these points support; points count less with their
        distance from the bark, as ground is not flat.
-    3. Judge by the surface how far plants may hide the ground.
+    3. Judge by the surface, its gaps and the stem's foot how far plants may hide the ground.
     4. Take the vertical at the stem, and refuse planes above the stem's seen part or of branches.
     5. Where the depth is sparse and shows too little, repeat with the finer grid.
 
@@ -208,6 +214,7 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     if below_m > MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
         seen = f"the stem is seen {below_m:.2f} m below the best plane"
         return Failure(f"no ground around the base: {seen}")
+    ground = _as_deep_as_the_foot(ground, bases, index)
     if bases.foot_within[index]:
         return ground
     slope_deg = math.degrees(math.acos(min(float(plane.normal @ ground.up), 1.0)))
@@ -218,6 +225,19 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
         "no ground around the base: the foot of the stem is not in the image, and the best plane"
         f" holds {plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
     )
+
+
+def _as_deep_as_the_foot(ground: BaseGround, bases: StemBases, index: int) -> BaseGround:
+    """The ground, in doubt if the mask shows bark below its plane."""
+    foot = bases.feet[index]
+    if not np.isfinite(foot).all():
+        return ground
+    plane = ground.plane
+    below_m = -float(plane.height_m(foot))
+    parts = (float(plane.height_std_m(foot)), float(bases.feet_std_m[index]), UNEVEN_STD_M)
+    if below_m < FOOT_STDS * math.hypot(*parts, LITTER_STD_M):
+        return ground
+    return replace(ground, cover_std_m=max(ground.cover_std_m, below_m))
 
 
 def _fit_planes(
@@ -247,6 +267,26 @@ def _fit_planes(
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else (plane, float(std_m))
-        for plane, std_m in zip(planes, cover_std_m, strict=True)
+        else (plane, max(float(std_m), _gap_depth_m(frame, samples, index, plane, radii_m, noise)))
+        for index, (plane, std_m) in enumerate(zip(planes, cover_std_m, strict=True))
     ]
+
+
+def _gap_depth_m(
+    frame: DepthFrame,
+    samples: GroundSamples,
+    index: int,
+    plane: GroundPlane,
+    radii_m: Float,
+    noise: float,
+) -> float:
+    """How far below the plane of one stem all its samples show deeper ground, in metres."""
+    from_bark_m = np.maximum(samples.level_m[index] - radii_m[index], 0.0)
+    near = samples.usable[index] & (from_bark_m < GAP_WITHIN_M)
+    points = samples.points[index][near]
+    depth_m = points[:, 2]
+    slope = np.abs(points @ plane.normal) / depth_m
+    height_std_m = slope * noise * depth_stds_m(frame.settings, depth_m)
+    departure_m = DEPARTURE_STD_PER_M * from_bark_m[near] ** 2
+    std_m = np.sqrt(UNEVEN_STD_M**2 + height_std_m**2 + departure_m**2)
+    return gap_depth_m(points, std_m, plane)

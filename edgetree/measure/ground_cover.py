@@ -21,7 +21,9 @@ from edgetree.measure.constants.ground import (
     CLOSED_COVER_FACTOR,
     CLOSED_COVER_SHARE,
     CLOSED_COVER_STD_M,
+    GAP_STDS,
     MIN_BESIDE_PX,
+    MIN_GAP_READINGS,
     MIN_UNSTEADINESS,
     STD_PER_UNSTEADINESS_M,
     UNEVEN_STD_M,
@@ -108,6 +110,19 @@ def cover_stds_m(
     std_m = STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - MIN_UNSTEADINESS, 0.0)
     closed = np.maximum(1 - above / CLOSED_COVER_SHARE, 0.0)
     return std_m + CLOSED_COVER_FACTOR * closed * np.maximum(std_m - CLOSED_COVER_STD_M, 0.0)
+
+
+def gap_depth_m(points: Float, std_m: Float, plane: GroundPlane) -> float:
+    """How far below a plane the gaps between plants show deeper ground, in metres; 0 if none do.
+
+    Args:
+        points: (N, 3) camera points beside the stem that may be ground.
+        std_m: (N,) standard deviations of their heights above the plane.
+        plane: The plane.
+    """
+    below_m = -plane.height_m(points)
+    deep_m = below_m[below_m > GAP_STDS * std_m]
+    return float(np.median(deep_m)) if len(deep_m) >= MIN_GAP_READINGS else 0.0
 
 
 def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:

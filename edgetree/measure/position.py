@@ -21,6 +21,7 @@ from edgetree.measure.constants.stems import (
     TAPER_STD_PER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
+from edgetree.measure.even_cover import above_soil
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.rig_uncertainty import RigErrors
 from edgetree.measure.settings import MeasureSettings
@@ -79,12 +80,15 @@ class StemPosition:
         """Distance of the cut from the camera."""
         return math.hypot(*self.cut.tolist())
 
-    @cached_property
-    def distance(self) -> Estimate:
+    def distance(self, bend_rad: float) -> Estimate:
         """Distance in metres from the camera to the axis at the cut.
 
         The depth shows the bark, one radius in front of the axis, so the error of the radius is
-        part of the distance's.
+        part of the distance's. From the section to the cut the axis is extended, with its errors
+        and the taper as in `axis_distance`.
+
+        Args:
+            bend_rad: Standard deviation of the axis direction along a stem.
         """
         parts = (self._own_distance_std_m, self.rig.std_m(self.cut, self.cut / self._range_m))
         return Estimate(self._range_m, math.hypot(*parts))
@@ -94,6 +98,12 @@ class StemPosition:
         """Standard deviation of the distance without the errors of the rig."""
         parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m)
         return math.hypot(*parts, self.shape_std_m)
+        below_m = self._section_parts_m[2] - self._cut_parts_m[2]
+        direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
+        extended_m = below_m * direction_std / self._slant
+        value = self._range_m + below_m * TAPER_PER_M * self.radius_m / self._slant
+        parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m, extended_m)
+        return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     def axis_distance(self, bend_rad: float) -> Estimate:
         """Shortest distance in metres from the camera to the line of the axis.
@@ -166,6 +176,10 @@ class StemPosition:
             own_m = self.rig.std_m(height.value * self.along, vertical.up)
             parts["cut_height_m"] = math.hypot(own_m, self.radius_m * tilt_rad)
         return parts
+        rise = float(self.cut @ ground.up) / self._range_m
+        across_m = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m, self.shape_std_m)
+        std = math.hypot(rise * math.hypot(*across_m), self.cut_rad * self._range_m)
+        return ground.height_m(self.cut, self.along, self.radius_m, std)
 
     def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
         """Why the keypoint of the felling cut is implausible, or None if it is plausible.
@@ -192,8 +206,8 @@ class StemPosition:
     ) -> Estimate | Failure:
         """The height of the cut, or a failure if plants hide the ground.
 
-        They do if the surface is too unsteady for ground, or if the cut comes out below it at the
-        axis by more than its own error.
+        They do if the surface is too unsteady for ground, if gaps or the stem show deeper ground,
+        or if the cut comes out below it by more than its own error.
 
         Args:
             height: Height of the cut above the ground on the uphill side.
@@ -202,16 +216,18 @@ class StemPosition:
         if isinstance(height, Failure) or isinstance(ground, Failure):
             return height
         above_axis_m = height.value + ground.uphill_m(self.radius_m)
-        if above_axis_m >= -self.cut_rad * self._range_m:
-            if not ground.hidden:
-                return height
+        if above_axis_m < -self.cut_rad * self._range_m or height.value < -height.std:
+            lower_m = -min(above_axis_m, height.value)
             return Failure(
-                f"plants hide the ground: the felling cut is {max(height.value, 0.0):.2f} m or"
-                " more above it, as the surface around the base is as unsteady as grass"
+                f"plants hide the ground: the felling cut is {lower_m:.2f} m below the lowest"
+                " surface around the base"
             )
+        soil = above_soil(height)
+        if not ground.hidden:
+            return soil
         return Failure(
-            f"plants hide the ground: the felling cut is {-above_axis_m:.2f} m below the lowest"
-            " surface around the base"
+            f"plants hide the ground: the felling cut is {soil.value:.2f} m or more above it, as"
+            " the surface or the stem shows deeper ground"
         )
 
     def cut_point(self) -> PointEstimate:

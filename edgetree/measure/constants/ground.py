@@ -95,6 +95,31 @@ MAX_COVER_STD_M: Final = 0.2
 """From this one on, no cut height is given.
 Source: bound, a 95 % interval would be 0.8 m wide."""
 
+GAP_STDS: Final = 4.0
+"""Readings this many standard deviations below the plane show deeper ground in gaps.
+Source: chosen, one of 30,000 normal errors is as large."""
+
+GAP_WITHIN_M: Final = 0.7
+"""They count within this distance of the bark, where ground leaves its plane little.
+Source: chosen by hand, half of the search radius."""
+
+MIN_GAP_READINGS: Final = 4
+"""Fewer of them may be errors of the sensor. Source: chosen by hand."""
+
+FOOT_STDS: Final = 3.0
+"""Bark that is seen this many standard deviations below the plane shows deeper ground.
+Source: bound, rarer than 1 in 700 by chance."""
+
+EVEN_COVER_SHARE: Final = 0.2
+"""Probability that plants or snow with an even top hide the soil, before the height of the cut is
+seen. Source: chosen on ray-traced scenes of even plants."""
+
+EVEN_COVER_MEAN_M: Final = 0.2
+"""Mean height of such a cover, of an exponential distribution. Source: chosen by hand."""
+
+STUMP_MEAN_M: Final = 0.25
+"""Mean height of felling cuts above the ground. Source: chosen by hand."""
+
 # The vertical
 
 CAMERA_UP_STD_DEG: Final = 15.0

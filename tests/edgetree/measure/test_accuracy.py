@@ -83,10 +83,11 @@ def test_a_distance_without_keypoints_carries_no_keypoints_error(scene, pole):
     stand = scene(pole(0.3, 0.0, 4.0), pitch_deg=0.0)
     tree = stand.measure_mask(settings=None)
     rows = np.flatnonzero((stand.owner == 1).any(1))
-    middle = (rows[0] + rows[-1]) / 2 - 359.5
-    true_m = 4.0 * np.hypot(1.0, middle / 700.0)
+    true_m = 4.0 * np.hypot(1.0, (rows[-1] + 0.5 - 359.5) / 700.0 * (1 - 0.15 / 4.0))
     assert tree.distance_m.value == pytest.approx(true_m, abs=2 * tree.distance_m.std)
-    assert tree.distance_m.std < 0.02
+    assert tree.distance_m.std < 0.04
+    assert tree.evidence.distance_at == "lowest seen part of the stem"
+    assert stand.measure(settings=None).evidence.distance_at == "felling cut"
 
 
 def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
@@ -185,7 +186,7 @@ def test_more_noise_gives_larger_standard_deviations(scene, pole, exact):
     assert blurred.diameter_m.std > 5 * sharp.diameter_m.std
     assert blurred.inclination_deg.std > 1.3 * sharp.inclination_deg.std
     masked = [stand.measure(settings=replace(exact, keypoint_std_px=std)) for std in (0.1, 3.0)]
-    assert masked[1].cut_height_m.std > 1.3 * masked[0].cut_height_m.std
+    assert masked[1].cut_height_m.std > 1.2 * masked[0].cut_height_m.std
 
 
 def test_low_keypoint_scores_give_larger_standard_deviations(scene, pole):

@@ -40,7 +40,7 @@ def test_the_shape_between_section_and_cut_moves_the_axis(stand, exact):
 
 
 def test_heights_are_no_more_certain_than_litter_and_moss(stand):
-    assert 0.015 < stand.measure().cut_height_m.std < 0.03
+    assert 0.015 < stand.measure().cut_height_m.std < 0.045
 
 
 def test_points_off_the_plane_make_heights_doubtful():

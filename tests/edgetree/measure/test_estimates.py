@@ -14,7 +14,7 @@ from edgetree.measure import (
     StemProfile,
     TreeMeasurement,
 )
-from edgetree.measure.estimates import QUANTITIES, split_unit
+from edgetree.measure.estimates import QUANTITIES, interval_values, split_unit
 
 
 def test_an_estimate_of_zero_is_still_true():
@@ -62,6 +62,7 @@ def test_records_name_their_units():
             valid_depth_share=0.9,
             visible_share=1.0,
             ground="a plane",
+            distance_at="felling cut",
             warnings=("w",),
         ),
     )
@@ -112,10 +113,20 @@ def test_records_name_their_units():
             "valid_depth_share": 0.9,
             "visible_share": 1.0,
             "ground": "a plane",
+            "distance_at": "felling cut",
             "warnings": ["w"],
         },
     }
     assert json.loads(json.dumps(tree.to_dict(), allow_nan=False)) == expected
+
+
+def test_records_hold_no_lower_end_below_zero_where_there_is_no_sign():
+    upright = interval_values("inclination_deg", Estimate(0.5, 1.0))
+    assert upright["inclination_low95_deg"] == 0
+    assert upright["inclination_high95_deg"] == pytest.approx(2.46)
+    assert interval_values("taper_cm_per_m", Estimate(0.5, 1.0))["taper_low95_cm_per_m"] < 0
+    direction = interval_values("lean_direction_deg", Estimate(0.5, 9.0))
+    assert direction["lean_direction_low95_deg"] < 0
 
 
 def test_a_failed_tree_has_one_reason():
