@@ -57,7 +57,6 @@ def gather_evidence(
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
         warnings=warnings + _disagreement(diameters, stds) + _doubtful_depth(observed, index),
         distance_at=place,
-        warnings=warnings + _disagreement(diameters, stds),
     )
 
 

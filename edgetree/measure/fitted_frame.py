@@ -203,7 +203,6 @@ class FittedFrame:
             grounds: Ground at each stem.
         """
         stems = self.stems
-        stems, camera = self.stems, self.frame.camera
         cover_m = [each.cover_std_m if isinstance(each, BaseGround) else 0.0 for each in grounds]
         shared = (
             TAPER_PER_M * np.array(cover_m),

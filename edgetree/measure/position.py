@@ -90,20 +90,18 @@ class StemPosition:
         Args:
             bend_rad: Standard deviation of the axis direction along a stem.
         """
-        parts = (self._own_distance_std_m, self.rig.std_m(self.cut, self.cut / self._range_m))
-        return Estimate(self._range_m, math.hypot(*parts))
-
-    @cached_property
-    def _own_distance_std_m(self) -> float:
-        """Standard deviation of the distance without the errors of the rig."""
-        parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m)
-        return math.hypot(*parts, self.shape_std_m)
         below_m = self._section_parts_m[2] - self._cut_parts_m[2]
         direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
         extended_m = below_m * direction_std / self._slant
         value = self._range_m + below_m * TAPER_PER_M * self.radius_m / self._slant
-        parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m, extended_m)
-        return Estimate(value, math.hypot(*parts, self.shape_std_m))
+        rig_m = self.rig.std_m(self.cut, self.cut / self._range_m)
+        return Estimate(value, math.hypot(self._at_section_std_m, extended_m, rig_m))
+
+    @cached_property
+    def _at_section_std_m(self) -> float:
+        """Standard deviation of the distance by the section alone, without errors of the rig."""
+        parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m)
+        return math.hypot(*parts, self.shape_std_m)
 
     def axis_distance(self, bend_rad: float) -> Estimate:
         """Shortest distance in metres from the camera to the line of the axis.
@@ -152,9 +150,8 @@ class StemPosition:
         """
         if isinstance(ground, Failure):
             return ground
-        distance = self.distance
-        rise = float(self.cut @ ground.up) / distance.value
-        std = math.hypot(rise * self._own_distance_std_m, self.cut_rad * distance.value)
+        rise = float(self.cut @ ground.up) / self._range_m
+        std = math.hypot(rise * self._at_section_std_m, self.cut_rad * self._range_m)
         height = ground.height_m(self.cut, self.along, self.radius_m, std)
         if isinstance(height, Failure):
             return height
@@ -176,10 +173,6 @@ class StemPosition:
             own_m = self.rig.std_m(height.value * self.along, vertical.up)
             parts["cut_height_m"] = math.hypot(own_m, self.radius_m * tilt_rad)
         return parts
-        rise = float(self.cut @ ground.up) / self._range_m
-        across_m = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m, self.shape_std_m)
-        std = math.hypot(rise * math.hypot(*across_m), self.cut_rad * self._range_m)
-        return ground.height_m(self.cut, self.along, self.radius_m, std)
 
     def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
         """Why the keypoint of the felling cut is implausible, or None if it is plausible.
