@@ -174,7 +174,7 @@ def cast(
     """Depth (H, W) in metres, 0 beyond `FARTHEST_M`, and the owner of each pixel.
 
     Args:
-        camera: Pinhole camera without distortion.
+        camera: The camera, with or without distortion.
         to_camera: (3, 3) rotation from level axes to those of the camera.
         ground: The ground.
         cones: Everything else.
@@ -199,7 +199,7 @@ def _view(camera: PinholeCamera, cone: Cone) -> tuple[slice, slice] | None:
     ends = np.stack([cone.start_m, cone.start_m + cone.length_m * cone.along])
     thick = max(cone.radius_m, cone.radius_at_m(cone.length_m)) * np.sqrt(cone.oval) * 1.05
     nearest = ends[:, 2].min() - thick
-    if nearest < 0.2:
+    if nearest < 0.2 or camera.distortion:
         return slice(None), slice(None)
     x = camera.fx * ends[:, 0] / ends[:, 2] + camera.cx
     y = camera.fy * ends[:, 1] / ends[:, 2] + camera.cy

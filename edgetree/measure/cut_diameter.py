@@ -73,19 +73,18 @@ class ButtSwell(NamedTuple):
 
     @classmethod
     def from_keypoints(
-        cls, keypoints: Keypoints, image_height: int, m_per_px: Float, settings: MeasureSettings
+        cls, keypoints: Keypoints, m_per_px: Float, settings: MeasureSettings
     ) -> ButtSwell:
         """What keypoints near the lower side of the image tell.
 
         Args:
             keypoints: Keypoints of T stems.
-            image_height: Height of the image in pixels.
             m_per_px: (T,) metres per pixel at the stems.
             settings: The butt swell of stems.
         """
         unseen = ~keypoints.within[:, CUT] & keypoints.offered
         inferred = unseen & ~keypoints.has_section
-        above_m = keypoints.section_above_px(image_height) * m_per_px
+        above_m = keypoints.section_above_px * m_per_px
         doubted_m = SECTION_CERTAIN_M - SECTION_DOUBTED_M
         likely = np.clip((SECTION_CERTAIN_M - above_m) / doubted_m, 0.0, 1.0)
         doubtful = unseen & keypoints.has_section & keypoints.reaches_lower_side

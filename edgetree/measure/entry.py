@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,13 +20,14 @@ from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.ground_cover import noise_factor
-from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.observations import observe_stems
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.rig_uncertainty import RigUncertainty
-from edgetree.measure.section import fit_axes
+from edgetree.measure.section import StemAxes, fit_axes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import fit_stems
+from edgetree.measure.vertical import Verticals
+from edgetree.measure.views import View, stem_views
 
 # A vertical with larger components than these, downwards in the image or along the optical axis,
 # means that gravity was given in place of its opposite, or a mounting without the rotation from
@@ -107,11 +109,12 @@ def _measure_all(
 ) -> list[TreeMeasurement]:
     """Measure all trees of a frame.
 
-    1. Observe edges, axis points and depth readings (`observe_stems`).
-    2. Fit the direction of each axis in the image, then distance, tilt and width to the depth.
-    3. Fit the ground around each sound stem, and take the vertical there.
-    4. Read the diameters along each stem.
-    5. Compute all values of each tree.
+    1. Choose the frame itself, or through lenses that bend straight lines, views of it.
+    2. Observe edges, axis points and depth readings (`observe_stems`).
+    3. Fit the direction of each axis in the image, then distance, tilt and width to the depth.
+    4. Fit the ground around each sound stem, and take the vertical there.
+    5. Read the diameters along each stem.
+    6. Compute all values of each tree.
 
     Args:
         frame: Depth, camera, masks and settings.
@@ -123,29 +126,92 @@ def _measure_all(
     Returns:
         One measurement per detection, in their order.
     """
-    settings = frame.settings
-    keypoints = Keypoints.from_detections(trees, settings)
-    observed = observe_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
-    vertical = np.array(CAMERA_UP) if up is None else up
+    views = stem_views(frame, trees)
+    fits = [_fitted(view, up) for view in views]
+    reasons = [fitted.failure_reasons() for fitted in fits]
+    verticals = _verticals(fits, reasons, up)
+    found = [TreeMeasurement.failed("")] * len(trees)
+    for view, *fitted in zip(views, fits, reasons, verticals, strict=True):
+        for index, tree in zip(view.indices, _measured(*fitted, mounting), strict=True):
+            found[index] = tree
+    return found
+
+
+def _fitted(view: View, up: Float | None) -> FittedFrame:
+    """Observe and fit the stems of a view; `up` (3,) is in the camera's axes."""
+    frame, settings = view.frame, view.frame.settings
+    observed = observe_stems(frame, view.boxes_px, view.keypoints)
+    vertical = frame.from_camera(np.array(CAMERA_UP) if up is None else up)
     up_std_rad = np.radians(CAMERA_UP_STD_DEG) if up is None else frame.rig.vertical_rad
     lean_std_rad = float(np.hypot(np.radians(settings.lean_std_deg), up_std_rad))
     axes, roll_std_rad = fit_axes(observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad)
     stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
-    fitted = FittedFrame(
-        frame=frame, keypoints=keypoints, observed=observed, stems=stems, roll_std_rad=roll_std_rad
+    return FittedFrame(
+        frame=frame,
+        keypoints=view.keypoints,
+        observed=observed,
+        stems=stems,
+        roll_std_rad=roll_std_rad,
     )
-    reasons = fitted.failure_reasons()
+
+
+def _verticals(
+    fits: list[FittedFrame], reasons: list[list[str | None]], up: Float | None
+) -> list[Verticals]:
+    """The verticals for each view: given, or estimated from all sound stems and the camera.
+
+    Args:
+        fits: The fitted stems of each view.
+        reasons: Why they cannot be measured, or None for sound ones.
+        up: (3,) the given vertical.
+
+    Returns:
+        The verticals in the camera's axes; those of the view's own stems come first.
+    """
+    if up is not None:
+        return [Verticals(up, fit.frame.rig.vertical_covariance(up)) for fit in fits]
+    sound = np.array([reason is None for view in reasons for reason in view])
+    axes = [fit.stems.sections.axes.mapped(fit.frame.to_camera) for fit in fits]
+    roll_std_rad = np.concatenate([fit.roll_std_rad for fit in fits])
+    common = Verticals.from_stems(
+        StemAxes.joined(axes),
+        np.where(sound, roll_std_rad, np.inf),
+        np.concatenate([fit.stems.tilt_std_rad for fit in fits]),
+        math.radians(fits[0].settings.lean_std_deg),
+    )
+    counts = [len(view) for view in reasons]
+    firsts = np.cumsum([0, *counts[:-1]]).tolist()
+    return [common.beginning_with(first) for first in firsts]
+
+
+def _measured(
+    fitted: FittedFrame,
+    reasons: list[str | None],
+    verticals: Verticals,
+    mounting: RigidTransform | None,
+) -> list[TreeMeasurement]:
+    """The measurements of the stems of a view.
+
+    Args:
+        fitted: The fitted stems.
+        reasons: Why they cannot be measured, or None for sound ones.
+        verticals: The verticals in the camera's axes, those of these stems first.
+        mounting: Transform from camera to machine coordinates.
+    """
+    frame = fitted.frame
     cuts = fitted.cut_points()
-    sound = np.array([reason is None for reason in reasons])
-    grounds: list[BaseGround | Failure] = [Failure("")] * len(sound)
-    indices = np.flatnonzero(sound)
-    verticals = fitted.verticals(sound, up)
+    grounds: list[BaseGround | Failure] = [Failure("")] * len(reasons)
+    indices = np.flatnonzero([reason is None for reason in reasons])
     if len(indices):
-        noise = noise_factor(observed.readings, STATIONS, settings)
-        found = find_grounds(frame, fitted.bases(cuts, indices), verticals, noise)
+        noise = noise_factor(fitted.observed.readings, STATIONS, fitted.settings)
+        seen = verticals if frame.rotation is None else verticals.turned(frame.rotation)
+        found = find_grounds(frame, fitted.bases(cuts, indices), seen, noise)
         for index, ground in zip(indices, found, strict=True):
             grounds[index] = ground
     tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
+    if frame.rotation is not None:
+        back = frame.rotation.T
+        grounds = [each.turned(back) if each else each for each in grounds]
     return [
         TreeMeasurement.failed(reason)
         if reason is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -94,17 +94,6 @@ class FittedFrame:
             return f"a diameter of {diameter_m:.2f} m is not plausible"
         return None
 
-    def verticals(self, sound: Bool, up: Float | None) -> Verticals:
-        """The verticals: given, or estimated from the (T,) sound stems and the camera."""
-        if up is not None:
-            return Verticals(up, self.frame.rig.vertical_covariance(up))
-        return Verticals.from_stems(
-            self.stems.sections.axes,
-            np.where(sound, self.roll_std_rad, np.inf),
-            self.stems.tilt_std_rad,
-            math.radians(self.settings.lean_std_deg),
-        )
-
     def cut_points(self) -> Float:
         """(T, 3) axis points at the felling cuts.
 
@@ -191,9 +180,8 @@ class FittedFrame:
     @cached_property
     def butt_swell(self) -> ButtSwell:
         """How much thicker the stems are at the cut than at the section."""
-        camera = self.frame.camera
-        m_per_px = self.stems.distance_m / camera.fy
-        return ButtSwell.from_keypoints(self.keypoints, camera.height, m_per_px, self.settings)
+        m_per_px = self.stems.distance_m / self.frame.camera.fy
+        return ButtSwell.from_keypoints(self.keypoints, m_per_px, self.settings)
 
     def diameters(self, cuts: Float, grounds: list[BaseGround | Failure]) -> StemDiameters:
         """The diameters along each stem.
@@ -220,7 +208,7 @@ class FittedFrame:
         )
 
     def tapers(self, diameters: StemDiameters, grounds: list[BaseGround | Failure]) -> list[_Taper]:
-        """What the diameters along each stem tell."""
+        """What the diameters along each stem tell; places of edges are in the camera's axes."""
         if self.frame.masks is None:
             unseen = Failure("the model gives no masks to see the edges of the stem")
             return [
@@ -228,7 +216,11 @@ class FittedFrame:
                 for ground in grounds
             ]
         dbh = map(self._breast_height_diameter, grounds, diameters.breast)
-        parts = (diameters.profiles(), diameters.tapers_cm_per_m(), diameters.volumes_m3())
+        profiles = [
+            replace(profile, edges_m=self.frame.to_camera(profile.edges_m)) if profile else profile
+            for profile in diameters.profiles()
+        ]
+        parts = (profiles, diameters.tapers_cm_per_m(), diameters.volumes_m3())
         return list(map(_Taper, dbh, *parts))
 
     def _height_scale(self, cuts: Float, grounds: list[BaseGround | Failure]) -> HeightScale:
@@ -270,8 +262,8 @@ class FittedFrame:
 
         Args:
             index: Number of the tree.
-            cut: (3,) axis point at the felling cut.
-            ground: Ground at the tree.
+            cut: (3,) axis point at the felling cut, in the frame's axes.
+            ground: Ground at the tree, in the camera's axes as all that follows.
             verticals: The verticals of all trees.
             taper: Its diameters along the stem.
             mounting: Transform from camera to machine coordinates, if given.
@@ -342,7 +334,7 @@ class FittedFrame:
         return "" if self.keypoints.offered else LOWEST_SEEN
 
     def _position(self, index: int, cut: Float) -> StemPosition:
-        stems, sections = self.stems, self.stems.sections
+        stems, sections, to_camera = self.stems, self.stems.sections, self.frame.to_camera
         reach_px = self.frame.camera.fx * math.hypot(*self.observed.edges.middle[index].tolist())
         cut_rad = 0.0
         if self.keypoints.within[index, CUT]:
@@ -352,9 +344,9 @@ class FittedFrame:
         radius_m = stems.radius_m.item(index)
         doubt = 1 + AXIS_DOUBT * self.incomplete_std.item(index)
         return StemPosition(
-            directions=sections.directions[index],
-            section=stems.distance_m[index] * sections.centre[index],
-            cut=cut,
+            directions=to_camera(sections.directions[index]),
+            section=to_camera(stems.distance_m[index] * sections.centre[index]),
+            cut=to_camera(cut),
             radius_m=radius_m,
             distance_std_m=stems.distance_std_m.item(index),
             diameter_std_m=self.diameter_std_m.item(index),

@@ -28,10 +28,12 @@ class MaskGrid:
     Attributes:
         grid: (rows, columns) float32 probabilities.
         box_px: (4,) x0, y0, x1, y1 of the box in the image.
+        finer: Cells per cell of the mask that this one is resampled from.
     """
 
     grid: Float32
     box_px: Float
+    finer: int = 1
 
     @classmethod
     def from_image(cls, mask: Bool) -> MaskGrid:
@@ -44,8 +46,13 @@ class MaskGrid:
 
     @property
     def cell_px(self) -> float:
-        """Width of a cell in pixels."""
-        return float(self.box_px[2] - self.box_px[0]) / float(self.grid.shape[1])
+        """Width in pixels of a cell of the original mask."""
+        return self.finer * float(self.box_px[2] - self.box_px[0]) / float(self.grid.shape[1])
+
+    @property
+    def cell_height_px(self) -> float:
+        """Height in pixels of a cell of the original mask."""
+        return self.finer * float(self.box_px[3] - self.box_px[1]) / float(self.grid.shape[0])
 
     def at(self, xy_px: Float) -> Float:
         """Probabilities (...) at image points (..., 2), bilinearly interpolated; 0 outside."""
@@ -71,7 +78,9 @@ class DepthFrame:
         masks: One per tree, or None if the model gives no masks.
         settings: Assumptions of the measurement.
         masks_given: Whether the caller gave the masks, at the image's size.
-        rig: Errors of the rig.
+        rig: Errors of the rig, for vectors in the camera's axes.
+        rotation: (3, 3) from the camera's axes to those of the frame's rays; None if they are the
+            same.
     """
 
     camera: PinholeCamera
@@ -80,6 +89,7 @@ class DepthFrame:
     settings: MeasureSettings
     masks_given: bool = False
     rig: RigErrors = NO_ERRORS
+    rotation: Float | None = None
 
     @classmethod
     def from_detections(
@@ -98,6 +108,21 @@ class DepthFrame:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
         return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
+
+    @property
+    def limits_px(self) -> tuple[Float, Float]:
+        """(2,) lowest and (2,) highest place in the image at which it has pixels."""
+        # A point on the border itself lies on no mask, so the stem's own depth there would pass for
+        # ground.
+        return np.array([0.5, 0.5]), np.array([self.camera.width, self.camera.height]) - 0.5
+
+    def to_camera(self, vectors: Float) -> Float:
+        """Vectors (..., 3) of the frame's axes in those of the camera."""
+        return vectors if self.rotation is None else np.asarray(vectors @ self.rotation)
+
+    def from_camera(self, vectors: Float) -> Float:
+        """Vectors (..., 3) of the camera's axes in those of the frame."""
+        return vectors if self.rotation is None else np.asarray(vectors @ self.rotation.T)
 
     def mask_probability(self, xy_px: Float) -> Float:
         """Bool probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""

@@ -61,6 +61,16 @@ class BaseGround:
         """(3,) unit vector away from gravity, in camera coordinates."""
         return self.vertical.up
 
+    def turned(self, rotation: Float) -> BaseGround:
+        """The same in other axes, by a rotation (3, 3) to them."""
+        plane = replace(
+            self.plane,
+            normal=rotation @ self.plane.normal,
+            centre_m=rotation @ self.plane.centre_m,
+            axes=self.plane.axes @ rotation.T,
+        )
+        return replace(self, plane=plane, vertical=self.vertical.turned(rotation))
+
     @property
     def lift_m(self) -> float:
         """How far low plants are expected to lift the plane above the ground, in metres."""

@@ -42,12 +42,10 @@ def sample_around(
     """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
-    # From the centre of the first pixel to that of the last: a point on the border itself lies on
-    # no mask, so the stem's own depth there would pass for ground.
-    last = np.array([frame.camera.width, frame.camera.height]) - 0.5
+    first, last = frame.limits_px
     reach_px = (frame.camera.fx * reach_m / ahead)[:, None] * (1.0, _REACH_UP)
-    low = np.clip(middle - reach_px, 0.5, last)[:, None]
-    high = np.clip(middle + reach_px, 0.5, last)[:, None]
+    low = np.clip(middle - reach_px, first, last)[:, None]
+    high = np.clip(middle + reach_px, first, last)[:, None]
     ticks = np.linspace(-1.0, 1.0, grid)
     ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
     xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)

@@ -42,6 +42,8 @@ class Keypoints:
         clipped_by_side: (T, 2) whether the left or the right side of the image may cut the stem
             off: its box ends near that side, and the edge keypoint there is not seen.
         reaches_lower_side: (T,) whether the box ends at the lower side of the image.
+        section_above_px: (T,) height of the section's keypoints above the lower side of the image;
+            infinite where their errors are too small for them to be below it.
         offered: Whether the model predicts keypoints.
     """
 
@@ -52,15 +54,24 @@ class Keypoints:
     doubtful_cut_px: Float
     clipped_by_side: Bool
     reaches_lower_side: Bool
+    section_above_px: Float
     offered: bool
 
     @classmethod
-    def from_detections(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
+    def from_detections(
+        cls, trees: TreeDetections, settings: MeasureSettings, size_px: Float | None = None
+    ) -> Keypoints:
         """Take the keypoints of detections and estimate their errors.
 
         The standard deviations grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`,
         and with the size of the box: across the stem with its width, along the stem with the
         square root of its area.
+
+        Args:
+            trees: The detections.
+            settings: Errors of keypoints.
+            size_px: (T, 2) widths and heights of the stems where their boxes tell them badly, as
+                of stems that a lens bends.
         """
         count = len(trees)
         values = np.zeros((count, len(KEYPOINT_NAMES), 3))
@@ -68,7 +79,9 @@ class Keypoints:
             values = trees.keypoints_px.astype(np.float64)
         size = np.array([trees.image_width, trees.image_height])
         near = (np.abs(values[..., :2] - size / 2) <= 1.5 * size).all(2)
-        extent = np.maximum(trees.boxes_px[:, 2:] - trees.boxes_px[:, :2], 0.0).astype(np.float64)
+        if size_px is None:
+            size_px = trees.boxes_px[:, 2:] - trees.boxes_px[:, :2]
+        extent = np.maximum(size_px, 0.0).astype(np.float64)
         extent[:, 1] = np.sqrt(extent.prod(1))
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
@@ -96,18 +109,9 @@ class Keypoints:
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
             clipped_by_side=clipped,
             reaches_lower_side=trees.boxes_px[:, 3] > trees.image_height - lower_side_px,
+            section_above_px=_section_above_px(values, std_px, trees.image_height),
             offered=trees.keypoints_px is not None,
         )
-
-    def section_above_px(self, image_height: int) -> Float:
-        """(T,) how far the section's keypoints are above the lower side of the image, in px.
-
-        Infinite where their errors are too small for them to be below it.
-        """
-        edges = [LEFT, RIGHT]
-        above_px = image_height - self.xy_px[:, edges, 1].max(1)
-        near = above_px < BORDER_KEYPOINT_STDS * self.std_px[:, edges, 1].max(1)
-        return np.where(near, above_px, np.inf)
 
     @cached_property
     def has_section(self) -> Bool:
@@ -115,6 +119,14 @@ class Keypoints:
         width = lengths(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT])
         size_known = width >= MIN_WIDTH_PX
         return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)
+
+
+def _section_above_px(values: Float, std_px: Float, image_height: int) -> Float:
+    """`Keypoints.section_above_px` of keypoints (T, 5, 3) with errors (T, 5, 2)."""
+    edges = [LEFT, RIGHT]
+    above_px = image_height - values[:, edges, 1].max(1)
+    near = above_px < BORDER_KEYPOINT_STDS * std_px[:, edges, 1].max(1)
+    return np.where(near, above_px, np.inf)
 
 
 def _clipped_by_side(trees: TreeDetections, edge_scores: Float) -> Bool:

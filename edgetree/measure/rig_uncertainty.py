@@ -181,6 +181,27 @@ class RigErrors:
         return np.asarray(self.mounting_rad**2 * (squared * np.eye(3) - np.outer(point_m, point_m)))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TurnedErrors(RigErrors):
+    """Those of a rig in a view that is turned from its camera; vectors are in the camera's axes.
+
+    Attributes:
+        rotation: (3, 3) from the camera's axes to the view's, in which the errors are those of
+            `RigErrors`.
+    """
+
+    rotation: Float
+
+    def std_m(self, vector: Float, direction: Float) -> float:
+        """As of `RigErrors`."""
+        return super().std_m(self.rotation @ vector, self.rotation @ direction)
+
+    def covariance(self, vector: Float) -> Float:
+        """As of `RigErrors`."""
+        own = super().covariance(self.rotation @ vector)
+        return np.asarray(self.rotation.T @ own @ self.rotation)
+
+
 NO_ERRORS = RigErrors(0.0, 0.0, 0.0, 0.0, 0.0)
 """Those of a rig that is exact."""
 

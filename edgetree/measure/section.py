@@ -17,6 +17,7 @@ All functions work on T stems at once.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -49,6 +50,19 @@ class StemAxes:
     along: Float
     across: Float
     away: Float
+
+    @classmethod
+    def joined(cls, parts: Sequence[StemAxes]) -> StemAxes:
+        """The systems of all stems of some parts, one after the other."""
+        return cls(
+            np.concatenate([part.along for part in parts]),
+            np.concatenate([part.across for part in parts]),
+            np.concatenate([part.away for part in parts]),
+        )
+
+    def mapped(self, to_axes: Callable[[Float], Float]) -> StemAxes:
+        """The same systems with their vectors in other axes."""
+        return StemAxes(to_axes(self.along), to_axes(self.across), to_axes(self.away))
 
     def tilted(self, tangent: Float) -> StemAxes:
         """The same systems with each axis tilted away from the camera.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,6 +57,11 @@ class Vertical:
         """Whether it is certain enough for the direction of a lean."""
         return self.stems is None or self.stems >= MIN_STEMS_FOR_VERTICAL
 
+    def turned(self, rotation: Float) -> Vertical:
+        """The same in other axes, by a rotation (3, 3) to them."""
+        covariance = rotation @ self.covariance @ rotation.T
+        return replace(self, up=rotation @ self.up, covariance=covariance)
+
     def description(self) -> str:
         """Where it comes from, as text."""
         if self.stems is None:
@@ -78,12 +83,14 @@ class Verticals:
             covariance of its direction as the vertical's, times its robust weight. None if the
             vertical is given.
         counted: (T,) whether the stem's axis is used.
+        camera_up: (3,) the camera's own up.
     """
 
     common: Float
     covariance: Float | None = None
     stem_information: Float | None = None
     counted: Bool | None = None
+    camera_up: Float = field(default_factory=lambda: np.array(CAMERA_UP))
 
     @classmethod
     def from_stems(
@@ -107,7 +114,7 @@ class Verticals:
         information = _outer(axes.across) * roll + _outer(axes.away) * tilt
         counted = np.isfinite(roll_std_rad) & np.isfinite(information).all(axis=(1, 2))
         information = np.where(counted[:, None, None], information, 0.0)
-        matrix, vector = _camera()
+        matrix, vector = _camera(np.array(CAMERA_UP))
         weight = np.ones(len(roll_std_rad))
         for _ in range(_HUBER_ROUNDS):
             common = _solved(matrix + (weight[:, None, None] * information).sum(0), vector)
@@ -117,6 +124,27 @@ class Verticals:
         if counted.sum() < MIN_STEMS_FOR_VERTICAL:
             common = np.array(CAMERA_UP)
         return cls(common, None, weight[:, None, None] * information, np.asarray(counted))
+
+    def beginning_with(self, first: int) -> Verticals:
+        """The same with stem number `first` as number 0, and those before it at the end."""
+        if first == 0 or self.stem_information is None or self.counted is None:
+            return self
+        information = np.roll(self.stem_information, -first, axis=0)
+        return replace(self, stem_information=information, counted=np.roll(self.counted, -first))
+
+    def turned(self, rotation: Float) -> Verticals:
+        """The same in other axes, by a rotation (3, 3) to them."""
+
+        def around(matrices: Float | None) -> Float | None:
+            return None if matrices is None else np.asarray(rotation @ matrices @ rotation.T)
+
+        return replace(
+            self,
+            common=rotation @ self.common,
+            covariance=around(self.covariance),
+            stem_information=around(self.stem_information),
+            camera_up=rotation @ self.camera_up,
+        )
 
     def at(self, index: int, normal: Float | None) -> Vertical:
         """The vertical at one stem. The stem's own direction is left out.
@@ -132,7 +160,7 @@ class Verticals:
         # The common lean of the stand limits what many stems tell.
         common_lean = math.radians(COMMON_LEAN_STD_DEG) ** 2
         others = others @ np.linalg.inv(np.eye(3) + common_lean * others)
-        matrix, vector = _camera()
+        matrix, vector = _camera(self.camera_up)
         matrix = matrix + others
         if normal is not None:
             slope = math.radians(SLOPE_STD_DEG) ** 2
@@ -150,10 +178,10 @@ def _outer(vectors: Float) -> Float:
     return np.asarray(vectors[:, :, None] * vectors[:, None, :])
 
 
-def _camera() -> tuple[Float, Float]:
-    """Information matrix (3, 3) and vector (3,) of the camera's own up direction."""
+def _camera(up: Float) -> tuple[Float, Float]:
+    """Information matrix (3, 3) and vector (3,) of the camera's own up direction (3,)."""
     variance = math.radians(CAMERA_UP_STD_DEG) ** 2
-    return np.eye(3) / variance, np.array(CAMERA_UP) / variance
+    return np.eye(3) / variance, up / variance
 
 
 def _solved(matrix: Float, vector: Float) -> Float:
