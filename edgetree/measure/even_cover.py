@@ -9,18 +9,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from basetree.arrays import Float
 from edgetree.measure.constants.ground import (
     EVEN_COVER_MEAN_M,
     EVEN_COVER_SHARE,
     STUMP_MEAN_M,
 )
 from edgetree.measure.estimates import Estimate
-
-_STEP_M = 0.02
-_DEPTHS_M = np.arange(_STEP_M / 2, 1.2, _STEP_M)
 
 
 def above_soil(height: Estimate) -> Estimate:
@@ -45,17 +39,24 @@ def above_soil(height: Estimate) -> Estimate:
 def hidden_std_m(height_m: float) -> float:
     """Standard deviation of the soil's height below an even surface, in metres.
 
+    What may be hidden has an exponential distribution of mean `EVEN_COVER_MEAN_M`, and the heights
+    of stumps have a gamma distribution of shape 4 and mean `STUMP_MEAN_M`. By Bayes' rule a depth d
+    of cover under the height h counts with the density of the first at d times that of the second
+    at h + d, which is (h + d)^3 exp(-c d) but for a factor. Its moments are sums of n! / c^(n + 1).
+
     Args:
-        height_m: Height of the cut above the surface, above 0.
+        height_m: Height of the cut above the surface, at least 0.
     """
-    covered = np.exp(-_DEPTHS_M / EVEN_COVER_MEAN_M) * _stumps(height_m + _DEPTHS_M)
-    covered *= EVEN_COVER_SHARE / EVEN_COVER_MEAN_M * _STEP_M
-    bare = (1 - EVEN_COVER_SHARE) * float(_stumps(np.array(height_m)))
-    total = bare + float(covered.sum())
-    return math.sqrt(float(covered @ _DEPTHS_M**2) / total)
+    bare = (1 - EVEN_COVER_SHARE) * height_m**3
+    covered = EVEN_COVER_SHARE / EVEN_COVER_MEAN_M * _covered_moment(height_m, 0)
+    squared = EVEN_COVER_SHARE / EVEN_COVER_MEAN_M * _covered_moment(height_m, 2)
+    return math.sqrt(squared / (bare + covered))
 
 
-def _stumps(height_m: Float) -> Float:
-    """Densities of the heights of stumps, but for a factor: a gamma distribution of shape 4."""
-    share = 4 * height_m / STUMP_MEAN_M
-    return np.asarray(share**3 * np.exp(-share))
+def _covered_moment(height_m: float, power: int) -> float:
+    """Integral of d^power (h + d)^3 exp(-c d) over all depths d of a cover."""
+    rate = 1 / EVEN_COVER_MEAN_M + 4 / STUMP_MEAN_M
+    return sum(
+        math.comb(3, n) * height_m ** (3 - n) * math.factorial(n + power) / rate ** (n + power + 1)
+        for n in range(4)
+    )
