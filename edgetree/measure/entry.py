@@ -131,8 +131,9 @@ def _measure_all(
     reasons = [fitted.failure_reasons() for fitted in fits]
     verticals = _verticals(fits, reasons, up)
     found = [TreeMeasurement.failed("")] * len(trees)
-    for view, *fitted in zip(views, fits, reasons, verticals, strict=True):
-        for index, tree in zip(view.indices, _measured(*fitted, mounting), strict=True):
+    for view, fitted, why, up_there in zip(views, fits, reasons, verticals, strict=True):
+        measured = _measured(fitted, why, up_there, mounting)
+        for index, tree in zip(view.indices.tolist(), measured, strict=True):
             found[index] = tree
     return found
 

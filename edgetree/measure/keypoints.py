@@ -58,20 +58,12 @@ class Keypoints:
     offered: bool
 
     @classmethod
-    def from_detections(
-        cls, trees: TreeDetections, settings: MeasureSettings, size_px: Float | None = None
-    ) -> Keypoints:
+    def from_detections(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
         """Take the keypoints of detections and estimate their errors.
 
         The standard deviations grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`,
         and with the size of the box: across the stem with its width, along the stem with the
         square root of its area.
-
-        Args:
-            trees: The detections.
-            settings: Errors of keypoints.
-            size_px: (T, 2) widths and heights of the stems where their boxes tell them badly, as
-                of stems that a lens bends.
         """
         count = len(trees)
         values = np.zeros((count, len(KEYPOINT_NAMES), 3))
@@ -79,9 +71,7 @@ class Keypoints:
             values = trees.keypoints_px.astype(np.float64)
         size = np.array([trees.image_width, trees.image_height])
         near = (np.abs(values[..., :2] - size / 2) <= 1.5 * size).all(2)
-        if size_px is None:
-            size_px = trees.boxes_px[:, 2:] - trees.boxes_px[:, :2]
-        extent = np.maximum(size_px, 0.0).astype(np.float64)
+        extent = np.maximum(trees.boxes_px[:, 2:] - trees.boxes_px[:, :2], 0.0).astype(np.float64)
         extent[:, 1] = np.sqrt(extent.prod(1))
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])

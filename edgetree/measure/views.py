@@ -56,9 +56,11 @@ class TurnedFrame(DepthFrame):
     @cached_property
     def limits_px(self) -> tuple[Float, Float]:
         """(2,) lowest and (2,) highest place at which the image has pixels."""
-        border = self.to_view_px(_box_border(np.concatenate(self.source.limits_px)))
-        low_x, low_y, high_x, high_y = _extent(border).tolist()
-        return np.array([low_x, low_y]), np.array([high_x, high_y])
+        # Its border alone may lie too far from the view's axis.
+        ticks = np.linspace(*self.source.limits_px, _ALONG_SIDE)
+        places = np.stack(np.meshgrid(*ticks.T), -1).reshape(-1, 2)
+        box_px = _extent(self.to_view_px(places))
+        return box_px[:2], box_px[2:]
 
     def to_view_px(self, xy_px: Float) -> Float:
         """Points (..., 2) of the image in the view's pixels; NaN far from the view's axis."""
@@ -213,11 +215,9 @@ def _turned_view(
         pairs = zip(indices, boxes_px, strict=True)
         masks = [_turned_mask(view, frame.masks[index], box, finer) for index, box in pairs]
         view = replace(view, masks=masks)
-    keypoints = Keypoints.from_detections(
-        trees.select(indices), frame.settings, boxes_px[:, 2:] - boxes_px[:, :2]
-    )
+    keypoints = Keypoints.from_detections(trees.select(indices), frame.settings)
     xy_px = view.to_view_px(keypoints.xy_px)
-    known = np.isfinite(xy_px).all(2)
+    known = np.asarray(np.isfinite(xy_px).all(2))
     keypoints = replace(
         keypoints,
         xy_px=np.where(known[..., None], xy_px, 0.0),
