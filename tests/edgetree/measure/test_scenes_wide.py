@@ -25,7 +25,7 @@ MOUNTING = RigidTransform.mounting([1.5, 0.2, 2.2], 20.0, -5.0, 1.0)
 
 
 def scenes(**options: object) -> Readings:
-    for seed in range(1000, 1004):
+    for seed in range(1000, 1003):
         yield from through_lens(np.random.default_rng(seed), width=960, **options)  # type: ignore[arg-type]
 
 
@@ -56,12 +56,13 @@ def median_std(readings: list[tuple[TreeMeasurement, dict[str, float]]], quantit
     return float(np.median([getattr(tree, quantity).std for tree, _ in readings]))
 
 
-@pytest.mark.parametrize("view_deg", [90.0, 120.0, 160.0, None])
-@pytest.mark.parametrize("aside_deg", [0.0, 30.0, 54.0])
+@pytest.mark.parametrize(
+    ("view_deg", "aside_deg"),
+    [(90.0, 39.0), (120.0, 30.0), (120.0, 54.0), (160.0, 0.0), (160.0, 60.0), (None, 39.0)],
+)
 def test_intervals_are_those_of_a_pinhole_that_looks_at_the_stem(
     view_deg: float | None, aside_deg: float
 ) -> None:
-    aside_deg = min(aside_deg, 39.0) if view_deg in (90.0, None) else aside_deg
     lens = list(scenes(view_deg=view_deg, aside_deg=aside_deg))
     pinhole = list(scenes(view_deg=view_deg, aside_deg=aside_deg, pinhole=True))
     for quantity in QUANTITIES:
