@@ -14,9 +14,12 @@ from benchmarks.metres.rows.clean import stand, stem
 from benchmarks.metres.rows.wide import Readings, fisheye, through_lens
 from benchmarks.metres.stand import Stand
 from calib import RigidTransform, project_points
+from calib.directions import unit
 from edgetree.measure import EXACT_RIG, TreeMeasurement, measure_trees
 from edgetree.measure.frame import DepthFrame
+from edgetree.measure.section import StemAxes
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.vertical import Verticals
 from edgetree.measure.views import bends_lines, stem_views
 
 QUANTITIES = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "distance_m")
@@ -110,12 +113,30 @@ def test_edges_of_the_profile_lie_on_the_edges_in_the_picture() -> None:
             assert not mask[tuple(outer.astype(int).T[::-1])].any()
 
 
-def test_the_error_of_a_point_lies_along_its_line_of_sight() -> None:
-    frame = stems_all_around()
-    noisy = replace(MeasureSettings(), depth_bias_per_m=0.02)
-    tree = measured(frame, settings=noisy)[0]
-    sight = np.abs(frame.truth(0)["cut_point_m"])
-    assert (tree.cut_point_m.std_m[0] > tree.cut_point_m.std_m[2]) == (sight[0] > sight[2])
+def test_the_assumed_noise_is_that_of_the_cameras_own_depth() -> None:
+    frame, usual = stems_all_around(), MeasureSettings()
+    trees = frame.detections()
+    whole = DepthFrame.from_detections(trees, frame.depth_m, frame.camera, None, usual)
+    for view in stem_views(whole, trees):
+        depth_m = view.frame.to_camera(np.array([0.0, 0.0, 5.0]))[2]
+        settings = view.frame.settings
+        for name in ("depth_noise_per_m", "depth_bias_per_m"):
+            own_m = getattr(usual, name) * depth_m**2
+            assert getattr(settings, name) * 5.0**2 == pytest.approx(own_m * 5.0 / depth_m)
+        assert settings.depth_noise_m == pytest.approx(usual.depth_noise_m * 5.0 / depth_m)
+
+
+def test_each_stem_is_left_out_of_its_own_vertical_in_any_order_and_axes() -> None:
+    directions = unit(np.random.default_rng(1300).normal((0, -1, 0), 0.1, (5, 3)))
+    planes = unit(np.cross(directions, (0.0, 0.0, 1.0)))
+    axes = StemAxes(directions, planes, unit(np.cross(planes, directions)))
+    common = Verticals.from_stems(axes, np.full(5, 0.01), np.full(5, 0.02), 0.1)
+    turn = RigidTransform.mounting([0.0, 0.0, 0.0], 40.0, -5.0, 3.0).rotation
+    for first in range(5):
+        expected = common.at(first, None)
+        found = common.beginning_with(first).turned(turn).at(0, None).turned(turn.T)
+        assert found.up == pytest.approx(expected.up)
+        assert found.covariance == pytest.approx(expected.covariance)
 
 
 def test_the_vertical_comes_from_the_stems_of_all_views() -> None:
