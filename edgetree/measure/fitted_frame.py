@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -163,9 +163,13 @@ class FittedFrame:
 
     @cached_property
     def widths(self) -> MaskWidths:
-        """Edges in the masks by height along the axes."""
+        """Edges in the masks by height along the axes.
+
+        Their error grows as that of the section does where keypoints, mask and depth disagree.
+        """
         sections = self.stems.sections
-        return self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        return replace(widths, std_rad=widths.std_rad * self.stems.disagreement)
 
     @cached_property
     def finite(self) -> Bool:
