@@ -21,7 +21,7 @@ from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 # The depth beside a stem is read at these distances from its middle, in half widths, and at least
 # so far from its edge.
-_BESIDE = np.array([1.3, 1.55, 1.8])
+_BESIDE = np.array([1.3, 1.7])
 _MIN_BESIDE_PX = 3.0
 # Rounds of the line through the stem's own readings, by least absolute differences.
 _ROUNDS = 3
