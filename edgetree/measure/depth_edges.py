@@ -24,13 +24,15 @@ from edgetree.measure.regions import OUTWARDS, SearchRegions
 _FRONT = np.linspace(-0.6, 0.6, 5)
 # The depth is read across each edge of the mask, from this many steps outside to this many inside.
 # A step is this fraction of the half width, or at least 1 px.
-_STEPS_OUTSIDE, _STEPS_INSIDE = 6, 14
+_STEPS_OUTSIDE, _STEPS_INSIDE = 9, 14
 _STEP = 0.03
 # The end of the surface is known if at least this share of the readings inwards is on the stem.
 _MIN_ON_STEM = 0.75
 # The stem ends inside its mask if it does at so many stations, and at this share of those at which
 # the mask has an edge.
 _MIN_STATIONS, _MIN_SHARE = 4, 0.25
+# The width of ramps is the median of at least so many in a frame.
+_MIN_RAMPS = 12
 
 
 class DepthEdges(NamedTuple):
@@ -133,7 +135,7 @@ def find_depth_edges(
     steps = (ramp & (behind_m < RAMP_END * beside_m[..., None])).sum(-1)
     seen_share = RAMP_END - reach_m[..., 0] / np.where(clear, beside_m, np.inf)
     widths_px = (steps * step_px[:, None] / seen_share)[clear]
-    ramp_px = float(np.median(widths_px)) if len(widths_px) else 0.0
+    ramp_px = float(np.median(widths_px)) if len(widths_px) >= _MIN_RAMPS else 0.0
     return DepthEdges(
         inset_px=inset_px,
         known=known,

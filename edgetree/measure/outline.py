@@ -102,9 +102,12 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     inside_px = np.where(moves, 0.0, depth.median_px)
     contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
     std_px = np.hypot(frame.mask_std_px(), np.hypot(inside_px, contradiction_px).max(0))
-    # Edges that come from the depth may be anywhere in its ramp: the deviation of an even spread.
-    from_depth = moves.any(0) | (not frame.masks_given)
-    std_px = np.hypot(std_px, np.where(from_depth, depth.ramp_px / np.sqrt(12), 0.0))
+    # Where edges come from the depth, they may be anywhere in its ramp (the deviation of an even
+    # spread). Background that a filter grows into the stem looks like a mask that is too wide, so
+    # edges that are moved have the depth's own error, the same on both sides.
+    moved = moves.any(0)
+    ramp_px = np.where(moved | (not frame.masks_given), depth.ramp_px / np.sqrt(12), 0.0)
+    std_px = np.hypot(std_px, np.hypot(ramp_px, np.where(moved, np.sqrt(2) * MIN_INSET_PX, 0.0)))
     shift_px = np.where(np.abs(depth.shift_px) >= MIN_INSET_PX, depth.shift_px, 0.0)
     return Outline(
         regions=regions,
