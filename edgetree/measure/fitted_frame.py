@@ -78,6 +78,9 @@ class FittedFrame:
             return "neither the diameter keypoints nor the mask show both edges of the stem"
         if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
             return "the mask shows hardly any of the stem"
+        outline = self.observed.outline
+        if outline is not None and outline.smoothed_away[index]:
+            return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
         if not self.observed.plausible_depth[index]:

@@ -51,6 +51,11 @@ class Outline:
     depth_ramp_px: float
 
     @property
+    def smoothed_away(self) -> Bool:
+        """(T,) whether every depth reading on a stem is mixed with what is beside it."""
+        return np.asarray(self.regions.half_px < self.depth_ramp_px / 2)
+
+    @property
     def scatter_px(self) -> Float:
         """(T,) root mean square distance of the valid edges from straight lines along them."""
         position, edges_px = self.regions.stations_px, np.where(self.valid, self.edges_px, 0.0)

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from edgetree.measure import measure_trees
+
 WALL_M = 10.0
 
 
@@ -14,7 +16,12 @@ def stands(scene, pole):
     made = []
     for diameter_m in (0.15, 0.2, 0.28, 0.37, 0.48):
         stem = pole(
-            diameter_m, rng.uniform(-0.6, 0.6), rng.uniform(3, 6), rng.uniform(0, 5), 70.0, top_m=6.0
+            diameter_m,
+            rng.uniform(-0.6, 0.6),
+            rng.uniform(3, 6),
+            rng.uniform(0, 5),
+            70.0,
+            top_m=6.0,
         )
         stand = scene(stem, slope_deg=rng.uniform(0, 6))
         far = (stand.depth_m == 0) | (stand.depth_m > WALL_M)
@@ -89,6 +96,17 @@ def test_background_that_is_grown_into_the_stem_has_a_large_enough_error(stands)
         tree = stand.measure(depth_m=depth_m, masks=stand.masks(), settings=None)
         true_m = stand.poles[0].diameter_m
         assert abs(tree.dbh_m.value - true_m) < 2.5 * tree.dbh_m.std
+
+
+def test_a_stem_thinner_than_the_filter_has_no_value(scene, pole):
+    stand = scene(pole(0.12, 0.3, 9.0, top_m=6.0), pole(0.4, -1.0, 4.5, top_m=6.0))
+    stand.depth_m = np.where(stand.depth_m == 0, np.float32(14.0), stand.depth_m)
+    depth_m = cv2.blur(stand.depth_m, (15, 15))
+    [thin, thick] = measure_trees(
+        stand.detections(), depth_m, stand.camera, masks=stand.masks(), up_camera=stand.up
+    )
+    assert "smooths the depth" in thin.diameter_m.reason
+    assert thick.diameter_m.value == pytest.approx(0.4, rel=0.05)
 
 
 def test_breast_height_has_the_doubt_of_sources_that_disagree(stands):
