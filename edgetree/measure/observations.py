@@ -125,7 +125,7 @@ def _sample_depth(
         edges_px = _fitted_edges(position, outline, edges_px)
     left, right = edges_px
     middle, reach = (left + right) / 2, (right - left) / 2
-    shift_px = np.zeros(len(position))
+    shift_px: Float = np.zeros(len(position))
     within = np.full_like(reach, DEPTH_WITHIN)
     if outline is not None:
         shift_px = outline.depth_shift_px

@@ -38,7 +38,8 @@ class Outline:
         valid: (2, T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
         std_px: (T,) standard deviation of an edge.
-        depth_shift_px: (T,) how far the depth lies to the right of the mask; 0 below `MIN_INSET_PX`.
+        depth_shift_px: (T,) how far the depth lies to the right of the mask; 0 below
+            `MIN_INSET_PX`.
         depth_ramp_px: Width of the ramp in the depth at the edges of the stems; 0 for steps.
     """
 
@@ -52,8 +53,9 @@ class Outline:
 
     @property
     def smoothed_away(self) -> Bool:
-        """(T,) whether every depth reading on a stem is mixed with what is beside it."""
-        return np.asarray(self.regions.half_px < self.depth_ramp_px / 2)
+        """(T,) whether nearly every depth reading on a stem is mixed with what is beside it."""
+        clear_px = self.regions.half_px - self.depth_ramp_px / 2
+        return np.asarray((self.depth_ramp_px > 0) & (clear_px < MIN_INSET_PX))
 
     @property
     def scatter_px(self) -> Float:
