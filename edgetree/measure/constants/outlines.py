@@ -39,7 +39,7 @@ EDGE_SHARE: Final = 0.6
 """Share of the error of a half angle that counts at each height along the stem, since edges at
 several stations are averaged. Source: fitted (dbh-network)."""
 
-EDGE_ERROR_M: Final = 1.0
+EDGE_ERROR_M: Final = 2.0
 """Edges within this distance along the stem share one error. Source: fitted (taper-network)."""
 
 MIN_ON_STEM_SHARE: Final = 0.03
