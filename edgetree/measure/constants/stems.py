@@ -15,6 +15,10 @@ STEM_BEND_PER_M: Final = 0.02
 """How far stems bend off a straight axis, and taper: times the squared distance along the stem in
 metres. Source: fitted (inclination-labels)."""
 
+SEEN_BEND_SHARE: Final = 0.3
+"""Share of `bend_std_deg` that moves the axis between the section and the level of the camera: the
+stem is seen there as a rule, and the fit follows its bend. Source: fitted (axis-distance-network)."""
+
 SHAPE_STD_PER_M: Final = 0.05
 """Relative standard deviation of a width per metre along the stem from the edges that it is read
 from. Source: fitted (diameter-network)."""
