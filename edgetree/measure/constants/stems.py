@@ -16,8 +16,8 @@ STEM_BEND_PER_M: Final = 0.02
 metres. Source: fitted (inclination-labels)."""
 
 SEEN_BEND_SHARE: Final = 0.3
-"""Share of `bend_std_deg` that moves the axis between the section and the level of the camera: the
-stem is seen there as a rule, and the fit follows its bend. Source: fitted (axis-distance-network)."""
+"""Share of `bend_std_deg` that moves the axis between section and camera level: the stem is seen
+there as a rule, and the fit follows its bend. Source: fitted (axis-distance-network)."""
 
 SHAPE_STD_PER_M: Final = 0.05
 """Relative standard deviation of a width per metre along the stem from the edges that it is read
