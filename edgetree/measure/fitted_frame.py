@@ -247,11 +247,9 @@ class FittedFrame:
         for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
                 along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
-                above_m = [
-                    ground.axis_length_m(cuts[index], along, radius_m, height) for height in (0, 1)
-                ]
-                zero_m[index] = above_m[0] - cut_to_section_m[index]
-                per_m[index] = above_m[1] - above_m[0]
+                above_m = ground.axis_length_m(cuts[index], along, radius_m, 0.0)
+                zero_m[index] = above_m - cut_to_section_m[index]
+                per_m[index] = ground.axis_per_height(along)
         known = np.array([isinstance(ground, BaseGround) for ground in grounds])
         return HeightScale(zero_m, per_m, known)
 

@@ -119,4 +119,6 @@ class MeasureSettings:
 
     def scaled(self, factor: float) -> MeasureSettings:
         """The same with `factor` times the errors of a detector's keypoints and mask edges."""
+        if factor == 1:
+            return self
         return replace(self, **{name: factor * getattr(self, name) for name in _DETECTOR_ERRORS})

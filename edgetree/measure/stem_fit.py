@@ -152,7 +152,7 @@ def fit_stems(
         tilt = tilt + step
         axis_points = sections.centre / lines.value_slope[:, :1]
         sections, sources = edges.sections(axes.tilted(np.tan(tilt)), half.rad)
-        if np.nanmax(np.abs(step), initial=0.0) < _CONVERGED_RAD:
+        if np.fmax.reduce(np.abs(step), initial=0.0) < _CONVERGED_RAD:
             break
     distance_m = (axis_points * sections.view_direction).sum(1)
     agreeing = equations.kept.sum(1) / np.maximum(points.used.sum(1), 1)
