@@ -46,22 +46,21 @@ class FootDistances(NamedTuple):
         std_m: (T,) its standard deviation.
         doubt_m: (T,) standard deviations to add to those of the distances; 0 where both agree
             within their deviations, or nothing tells.
-        shared_m: By how much most stems of the frame are beyond their feet; 0 where one is seen.
-        shared_std_m: Its standard deviation.
+        shared_m: By how much most stems of the frame are beyond their feet; 0 where this is within
+            `FOOT_DISTANCE_STDS`, or only one is seen.
     """
 
     beyond_m: Float
     std_m: Float
     doubt_m: Float
     shared_m: float
-    shared_std_m: float
 
     def warning(self, index: int) -> tuple[str, ...]:
         """What the foot of one stem, or those of the others, tells of its depth."""
-        beyond_m, doubted = self.beyond_m.item(index), self.doubt_m[index] > 0
-        if doubted and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
+        beyond_m = self.beyond_m.item(index)
+        if self.doubt_m[index] and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
             return (_contradiction(beyond_m),)
-        if doubted and self.shared_m > FOOT_DISTANCE_STDS * self.shared_std_m:
+        if self.shared_m:
             return (
                 f"the feet of the stems meet the ground {self.shared_m:.2f} m in front of their"
                 " depth: the depth may be of an earlier moment",
@@ -71,7 +70,7 @@ class FootDistances(NamedTuple):
     def failure(self, index: int, distance_m: float) -> str | None:
         """Why the depth of one stem cannot be the stem's, or None."""
         beyond_m = self.beyond_m.item(index)
-        if not (self.doubt_m[index] > 0 and abs(beyond_m) > MAX_RELATIVE_STD * distance_m):
+        if not (self.doubt_m[index] and abs(beyond_m) > MAX_RELATIVE_STD * distance_m):
             return None
         return f"no depth on the stem: {_contradiction(beyond_m)}"
 
@@ -125,34 +124,29 @@ def foot_distances(
     cut = (bases.feet_px[:, 1] > frame.camera.height - bases.feet_std_px) & (beyond_m > 0)
     seen = (on_ground | cut) & (offsets_m > 0) & np.isfinite(beyond_m) & np.isfinite(total_m)
     told = seen & ((beyond_m > 0) | (behind_m > feet[:, 2]))
-    shared_m, shared_std_m = _shared(beyond_m[seen], total_m[seen])
-    doubt_m = np.where(told, _excess_m(beyond_m, total_m), 0.0)
-    shared_doubt_m = _excess_m(np.array(max(shared_m, 0.0)), np.array(shared_std_m))
+    shared_m = _shared_m(beyond_m[seen], total_m[seen])
+    # What the difference shows beyond its standard deviation, as in Birge's ratio.
+    excess_m = np.sqrt(np.maximum(beyond_m**2 - total_m**2, 0.0))
     return FootDistances(
         beyond_m=np.where(seen, beyond_m, np.nan),
         std_m=total_m,
-        doubt_m=np.maximum(doubt_m, shared_doubt_m),
+        doubt_m=np.maximum(np.where(told, excess_m, 0.0), shared_m),
         shared_m=shared_m,
-        shared_std_m=shared_std_m,
     )
 
 
-def _excess_m(difference_m: Float, std_m: Float) -> Float:
-    """What differences (...) show beyond their standard deviations (...), as Birge's ratio."""
-    return np.asarray(np.sqrt(np.maximum(difference_m**2 - std_m**2, 0.0)))
-
-
-def _shared(beyond_m: Float, std_m: Float) -> tuple[float, float]:
-    """By how much most of N stems are beyond their feet, and its standard deviation.
+def _shared_m(beyond_m: Float, std_m: Float) -> float:
+    """By how much most of N stems are beyond their feet; 0 where they agree, or for one stem.
 
     It is their median. Of two middle values the one nearer to 0 counts, so that one stem with the
-    depth of something else moves no other. One stem tells nothing of the others.
+    depth of something else moves no other.
     """
     count = len(beyond_m)
     if count < 2:
-        return 0.0, 0.0
-    middle_m = np.sort(beyond_m)[(count - 1) // 2]
-    return float(middle_m), float(np.median(std_m) / np.sqrt(count))
+        return 0.0
+    middle_m = float(np.sort(beyond_m)[(count - 1) // 2])
+    within_m = FOOT_DISTANCE_STDS * float(np.median(std_m)) / np.sqrt(count)
+    return middle_m if middle_m > within_m else 0.0
 
 
 def _planes(grounds: Sequence[BaseGround | Failure], feet: Float) -> tuple[Float, Float, Float]:
