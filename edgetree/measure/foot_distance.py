@@ -144,9 +144,9 @@ def _shared_m(beyond_m: Float, std_m: Float) -> float:
     count = len(beyond_m)
     if count < 2:
         return 0.0
-    middle_m = float(np.sort(beyond_m)[(count - 1) // 2])
-    within_m = FOOT_DISTANCE_STDS * float(np.median(std_m)) / np.sqrt(count)
-    return middle_m if middle_m > within_m else 0.0
+    middle = np.argsort(beyond_m)[(count - 1) // 2]
+    within_m = FOOT_DISTANCE_STDS * std_m[middle] / np.sqrt(count)
+    return float(beyond_m[middle]) if beyond_m[middle] > within_m else 0.0
 
 
 def _planes(grounds: Sequence[BaseGround | Failure], feet: Float) -> tuple[Float, Float, Float]:
