@@ -12,12 +12,12 @@ import numpy as np
 from pycocotools import mask as coco_mask
 
 from basetree.arrays import Float
-from benchmarks.measure import LABELS, frames, labelled
+from benchmarks.measure import LABELS, SIMULATED, frames, labelled
 from benchmarks.measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
-from edgetree.measure import EXACT_RIG, MeasureSettings, StemProfile, TreeMeasurement, measure_trees
+from edgetree.measure import EXACT_RIG, StemProfile, TreeMeasurement, measure_trees
 from perceptree.simulator import PRESETS, generate_dataset
 from perceptree.simulator.scene.description import Tree, describe_scene
 
@@ -111,7 +111,7 @@ class Case:
                 )
             )
             return
-        changed = replace(MeasureSettings(), **settings)
+        changed = replace(SIMULATED, **settings)
         results = measure_trees(
             self.found,
             self.depth_m,

@@ -33,9 +33,9 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from benchmarks.fit_cases import Case, make_frames, read_cases
+from benchmarks.measure import SIMULATED
 from edgetree import TreeDetector
 from edgetree.catalogue import find_model
-from edgetree.measure import MeasureSettings
 from edgetree.measure.constants.entries import TOPICS, entries
 
 FIT_FRAMES = (("paper", 909, 100), ("field", 909, 100))
@@ -207,7 +207,7 @@ def compare(cases: list[Case], fit: str, name: str, old: float, new: float) -> d
 
 def constants() -> list[tuple[str, str, float]]:
     """Name, fit and value of every constant that is fitted."""
-    usual = MeasureSettings()
+    usual = SIMULATED
     of_table = [
         (entry.name, entry.fit, entry.value)
         for topic in TOPICS.values()

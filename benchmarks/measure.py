@@ -20,6 +20,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,11 @@ from edgetree.demo.matching import match_boxes
 from edgetree.frames.images import read_image
 from edgetree.measure import EXACT_RIG, Failure, MeasureSettings, TreeMeasurement, measure_trees
 
+# The simulator's stems are rounder than real ones.
+SIMULATED = MeasureSettings(out_of_round_std=0.0135)
 # Uncertainty of keypoints and masks that are exact to the pixel.
-LABELS = MeasureSettings(
+LABELS = replace(
+    SIMULATED,
     keypoint_std_px=0.3,
     keypoint_spread=1e-6,
     keypoint_slide=1e-6,
@@ -103,7 +107,9 @@ def measured(
         return list(zip(exact, naive_m, strict=True))
     is_depth = detector.manifest.modality == "depth"
     found = detector.detect(depth_m if is_depth else read_image(data / image["file_name"]))
-    results = measure_trees(found, depth_m, camera, up_camera=up, rig_uncertainty=EXACT_RIG)
+    results = measure_trees(
+        found, depth_m, camera, up_camera=up, rig_uncertainty=EXACT_RIG, settings=SIMULATED
+    )
     of_truth = {m.truth: m.detection for m in match_boxes(found.boxes_px, truth.boxes_px)}
     matched = [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
     return list(zip(matched, naive_m, strict=True))

@@ -83,6 +83,9 @@ class FittedFrame:
             return "neither the diameter keypoints nor the mask show both edges of the stem"
         if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
             return "the mask shows hardly any of the stem"
+        outline = self.observed.outline
+        if outline is not None and outline.smoothed_away[index]:
+            return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
         if not self.observed.plausible_depth[index]:
@@ -198,9 +201,13 @@ class FittedFrame:
 
     @cached_property
     def widths(self) -> MaskWidths:
-        """Edges in the masks by height along the axes."""
+        """Edges in the masks by height along the axes.
+
+        Their error grows as that of the section does where keypoints, mask and depth disagree.
+        """
         sections = self.stems.sections
-        return self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        return replace(widths, std_rad=widths.std_rad * self.stems.disagreement)
 
     @cached_property
     def finite(self) -> Bool:

@@ -62,8 +62,9 @@ class MeasureSettings:
             above it. It is added where the cut is below the image, and as far as the lowest edges
             of a mask are above the section.
         butt_swell_std: Standard deviation of `butt_swell` between stems.
-        out_of_round_std: Relative standard deviation of a real stem's diameter with viewing
-            direction and height.
+        out_of_round_std: Relative standard deviation of a real stem's width with viewing
+            direction and height, about its girth divided by pi. A section whose axes have the ratio
+            1 + a has a / 2.8: the default stands for axes that differ by 6 % in the square mean.
         curvature_std: Relative standard deviation of the diameter from the curvature of the depth
             across the stem.
         bend_std_deg: Standard deviation of the axis direction along a real stem, in degrees.
@@ -81,11 +82,11 @@ class MeasureSettings:
         InputError: a number is not positive, or the species is unknown.
     """
 
-    keypoint_std_px: float = 1.2
-    keypoint_spread: float = 0.009
+    keypoint_std_px: float = 1.05
+    keypoint_spread: float = 0.008
     keypoint_slide: float = 0.02
-    mask_std_px: float = 1.5
-    mask_spread: float = 0.23
+    mask_std_px: float = 1.3
+    mask_spread: float = 0.2
     given_mask_std_px: float = 1.1
     depth_noise_per_m: float = 0.002
     depth_noise_m: float = 0.005
@@ -95,9 +96,9 @@ class MeasureSettings:
     readings_doubt: float = 1.9
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
-    out_of_round_std: float = 0.0135
+    out_of_round_std: float = 0.02
     curvature_std: float = 0.05
-    bend_std_deg: float = 1.1
+    bend_std_deg: float = 0.95
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3
