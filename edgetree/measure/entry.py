@@ -110,8 +110,9 @@ def _measure_all(
     1. Observe edges, axis points and depth readings (`observe_stems`).
     2. Fit the direction of each axis in the image, then distance, tilt and width to the depth.
     3. Fit the ground around each sound stem, and take the vertical there.
-    4. Read the diameters along each stem.
-    5. Compute all values of each tree.
+    4. Compare the distances with the places where the feet meet the ground (`foot_distances`).
+    5. Read the diameters along each stem.
+    6. Compute all values of each tree.
 
     Args:
         frame: Depth, camera, masks and settings.
@@ -142,9 +143,12 @@ def _measure_all(
     verticals = fitted.verticals(sound, up)
     if len(indices):
         noise = noise_factor(observed.readings, STATIONS, settings)
-        found = find_grounds(frame, fitted.bases(cuts, indices), verticals, noise)
+        bases = fitted.bases(cuts)
+        found = find_grounds(frame, bases.of(indices), verticals, noise)
         for index, ground in zip(indices, found, strict=True):
             grounds[index] = ground
+        fitted = fitted.against_feet(bases, grounds)
+        reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
     tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
     return [
         TreeMeasurement.failed(reason)

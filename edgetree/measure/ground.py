@@ -148,6 +148,17 @@ class BaseGround:
         return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
 
+@dataclass(frozen=True)
+class DistrustedGround(Failure):
+    """Why a plane is not taken for the ground: bark is seen below it.
+
+    Attributes:
+        ground: The plane with the vertical. Depth that is too far away makes the same picture.
+    """
+
+    ground: BaseGround
+
+
 class StemBases(NamedTuple):
     """The lower ends of T stems.
 
@@ -160,6 +171,8 @@ class StemBases(NamedTuple):
         foot_within: (T,) whether the foot is in the image, as far as one can tell.
         feet: (T, 3) lowest camera points at which the mask shows the bark; NaN without a mask.
         feet_std_m: (T,) standard deviations of their heights.
+        feet_px: (T, 2) the same points in the image.
+        feet_std_px: (T,) standard deviations of these, up and down.
     """
 
     indices: Index
@@ -169,6 +182,12 @@ class StemBases(NamedTuple):
     foot_within: Bool
     feet: Float
     feet_std_m: Float
+    feet_px: Float
+    feet_std_px: Float
+
+    def of(self, indices: Index) -> StemBases:
+        """Those of some of the stems."""
+        return self._make(part[indices] for part in self)
 
 
 def find_grounds(
@@ -219,7 +238,7 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     below_m = -float(plane.height_m(lowest)) if all(map(math.isfinite, lowest.tolist())) else 0.0
     if below_m > MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
         seen = f"the stem is seen {below_m:.2f} m below the best plane"
-        return Failure(f"no ground around the base: {seen}")
+        return DistrustedGround(f"no ground around the base: {seen}", ground)
     ground = _as_deep_as_the_foot(ground, bases, index)
     if bases.foot_within[index]:
         return ground
