@@ -24,6 +24,12 @@ def unit(vectors: Float) -> Float:
     return np.asarray(vectors / lengths(vectors)[..., None])
 
 
+def cross(a: Float, b: Float) -> Float:
+    """(3, ...) cross products of vectors (3, ...)."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def heading(up: Float) -> Float:
     """(3,) horizontal direction ahead of a camera, of any length above 0.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from basetree.arrays import Bool, Float, Index
 from basetree.errors import InputError
-from calib.directions import CAMERA_UP
+from calib.directions import CAMERA_UP, cross
 from calib.errors import Failure
 from calib.ground_cloud import GroundCloud
 
@@ -159,7 +160,8 @@ def fit_ground_planes(
     noise = np.where(usable, np.asarray(depth_std_m) / np.maximum(np.abs(depth), 1e-9), 0.0)
     level_axes = _level_axes(vertical)
     departure = np.broadcast_to(np.asarray(departure_std_m, np.float64), usable.shape)
-    cloud = GroundCloud(points @ level_axes.T, usable, noise, departure, tolerance_m)
+    level = points @ level_axes.T
+    cloud = GroundCloud(level, _by_axis(level), usable, noise, departure, tolerance_m)
     normal, offset, flat = cloud.best_trial(float(np.cos(np.radians(max_slope_deg))))
     ground_share = np.full(len(points), _GROUND_SHARE)
     for _ in range(_REFINEMENTS):
@@ -170,13 +172,23 @@ def fit_ground_planes(
     support, normal = ground > 0.5, normal @ level_axes
     weight = support * (1 - departure**2 / variance)
     centre, variances, axes = _principal_axes(points, weight)
+    squares = (np.matmul(points, normal[..., None])[..., 0] + offset[:, None]) ** 2
     above = plants.sum(1) / np.maximum(usable.sum(1), 1)
     fits = _Fits(
-        usable.sum(1), flat, variances, axes, centre, normal, offset, support, weight, above
+        usable=usable.sum(1),
+        flat=flat,
+        variances=variances,
+        axes=axes,
+        centre=centre,
+        normal=normal,
+        offset=offset,
+        support=support.sum(1),
+        weight=weight.sum(1),
+        squares=(weight * squares).sum(1),
+        above=above,
     )
     return [
-        fits.plane(index, points[index], points_per_error, max_slope_deg, vertical)
-        for index in range(len(points))
+        fits.plane(index, points_per_error, max_slope_deg, vertical) for index in range(len(points))
     ]
 
 
@@ -191,8 +203,9 @@ class _Fits(NamedTuple):
         centre: (T, 3) means of the inliers.
         normal: (T, 3) unit normals pointing up.
         offset: (T,) plane offsets in metres.
-        support: (T, N) inliers.
-        weight: (T, N) their weights: 1 where the ground does not leave the plane.
+        support: (T,) numbers of inliers.
+        weight: (T,) sums of their weights: 1 where the ground does not leave the plane.
+        squares: (T,) sums of their squared distances from the planes, by weight.
         above: (T,) shares of the points that are above the planes.
     """
 
@@ -203,16 +216,17 @@ class _Fits(NamedTuple):
     centre: Float
     normal: Float
     offset: Float
-    support: Bool
+    support: Index
     weight: Float
+    squares: Float
     above: Float
 
     def plane(
-        self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
+        self, at: int, points_per_error: float, max_slope_deg: float, vertical: Float
     ) -> GroundPlane | GroundPlaneFailure:
         """Return the plane of set `at`, or the reason why there is none."""
-        support, normal, variances = self.support[at], self.normal[at], self.variances[at]
-        held = int(support.sum())
+        normal, variances = self.normal[at], self.variances[at]
+        held = int(self.support[at])
         share = held / max(int(self.usable[at]), 1)
         if self.usable[at] < _MIN_POINTS:
             few = f"{self.usable[at]} ground points, expected at least {_MIN_POINTS}"
@@ -225,17 +239,14 @@ class _Fits(NamedTuple):
             )
         if variances[1] < _MIN_WIDTH_RATIO**2 * variances[2]:
             return GroundPlaneFailure("the ground points lie on one line")
-        if normal @ vertical < np.cos(np.radians(max_slope_deg)):
+        if normal @ vertical < math.cos(math.radians(max_slope_deg)):
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
-        offset_m = float(self.offset[at])
-        weight = self.weight[at]
-        total = float(weight.sum())
-        residual = float(np.sqrt(weight @ (points @ normal + offset_m) ** 2 / total))
+        total = float(self.weight[at])
         independent = max(total / points_per_error, 1.0)
         return GroundPlane(
             normal,
-            offset_m,
-            residual,
+            float(self.offset[at]),
+            math.sqrt(float(self.squares[at]) / total),
             share,
             float(self.above[at]),
             held,
@@ -257,9 +268,14 @@ def _direction(up: ArrayLike) -> Float:
 
 def _level_axes(vertical: Float) -> Float:
     """(3, 3) rotation to axes of which the third one is the vertical."""
-    first = np.cross(vertical, np.eye(3)[np.abs(vertical).argmin()])
+    first = cross(vertical, np.eye(3)[np.abs(vertical).argmin()])
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(vertical, first), vertical])
+    return np.stack([first, cross(vertical, first), vertical])
+
+
+def _by_axis(points: Float) -> Float:
+    """(T, 3, N) copy of (T, N, 3) points, with the values of one coordinate side by side."""
+    return np.ascontiguousarray(points.transpose(0, 2, 1))
 
 
 def _principal_axes(points: Float, weight: Float) -> tuple[Float, Float, Float]:
@@ -271,7 +287,7 @@ def _principal_axes(points: Float, weight: Float) -> tuple[Float, Float, Float]:
     """
     weight = weight / np.maximum(weight.sum(1, keepdims=True), 1e-9)
     centre = np.matmul(weight[:, None], points)[:, 0]
-    offset = points - centre[:, None]
-    scatter = np.matmul((offset * weight[..., None]).transpose(0, 2, 1), offset)
+    offset = _by_axis(points) - centre[..., None]
+    scatter = np.matmul(offset * weight[:, None], offset.transpose(0, 2, 1))
     variances, axes = np.linalg.eigh(scatter)
     return centre, np.maximum(variances, 1e-18), axes

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from basetree.arrays import Bool, Float, Index
+from calib.directions import cross
 
 _TRIALS = 32
 _SCORED_POINTS = 60  # of each set, at least, for a trial plane
 # Trial planes go through the lowest points of this many cells in each horizontal direction.
 _CELLS = 8
 # Returns above a plane may be plants. Returns below it are errors, so they cost a plane more.
-# Largest costs, in the units of a squared distance over twice its variance.
-_COST_ABOVE, _COST_BELOW = 2.0, 6.0
+# Largest costs, in the units of a squared distance over its variance.
+_COST_ABOVE, _COST_BELOW = 4.0, 12.0
 # The mixture of ground, plants and errors that weighs the points of the final fit: the share of
 # errors among the points that are no ground; the height of plants, in tolerances.
 _ERROR_SHARE, _PLANT_TOLERANCES = 0.003, 12.0
@@ -30,6 +32,7 @@ class GroundCloud(NamedTuple):
 
     Attributes:
         points: (T, N, 3) points in metres, 0 where not usable. The third axis is the vertical.
+        by_axis: (T, 3, N) the same, with the values of one coordinate side by side.
         usable: (T, N) the points to use.
         noise: (T, N) standard deviations of the depth, relative to it.
         departure_m: (T, N) standard deviations by which the ground leaves the plane.
@@ -37,6 +40,7 @@ class GroundCloud(NamedTuple):
     """
 
     points: Float
+    by_axis: Float
     usable: Bool
     noise: Float
     departure_m: Float
@@ -49,37 +53,37 @@ class GroundCloud(NamedTuple):
             (T, 3) normals, (T,) offsets, and (T,) whether any plane was flat enough.
         """
         low, count = self._lowest()
-        draw = np.random.default_rng(0).random((1, 3 * _TRIALS))
-        picked = np.take_along_axis(low, (draw * count[:, None]).astype(np.intp), 1)
-        a, b, c = np.split(np.take_along_axis(self.points, picked[..., None], 1), 3, axis=1)
-        normals = np.cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals = normals / np.where(length > 1e-9, length, np.inf)
-        normals = normals * np.where(normals[..., 2:] < 0, -1.0, 1.0)
-        flat = normals[..., 2] >= least_cosine
-        through = (normals * a).sum(2)
+        each = np.arange(len(low))
+        picked = low[each[:, None], (_draws() * count[:, None]).astype(np.intp)]
+        corners = self.by_axis[each[:, None, None], [[0], [1], [2]], picked[:, None]]
+        a, b, c = corners.reshape(len(low), 3, 3, _TRIALS).transpose(2, 1, 0, 3)
+        normals = cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=0)
+        normals /= np.where(length > 1e-9, length, np.inf) * np.where(normals[2] < 0, -1.0, 1.0)
+        flat = normals[2] >= least_cosine
+        through = (normals * a).sum(0)
+        normals = np.ascontiguousarray(normals.transpose(1, 2, 0))
         scored = slice(None, None, max(self.points.shape[1] // _SCORED_POINTS, 1))
         along = np.matmul(normals, self.points[:, scored].transpose(0, 2, 1))
         height = along - through[..., None]
         noise, departure_m = self.noise[:, None, scored], self.departure_m[:, None, scored]
         variance = self._variance(along, noise) + (_CLASS_DEPARTURE_SHARE * departure_m) ** 2
-        cost = height**2 / (2 * variance)
-        cost = np.minimum(cost, np.where(height > 0, _COST_ABOVE, _COST_BELOW))
+        largest = np.where(height > 0, _COST_ABOVE, _COST_BELOW)
+        cost = np.minimum(height**2 / variance, largest)
         cost = np.matmul(cost, self.usable[:, scored, None].astype(np.float64))[..., 0]
         total = np.where(flat, cost, np.inf)
         best = total.argmin(1)
-        each = np.arange(len(best))
         return normals[each, best], -through[each, best], np.asarray(flat.any(axis=1))
 
     def _lowest(self) -> tuple[Index, Index]:
         """Indices (T, C) of the lowest point in each horizontal cell, and their numbers (T,)."""
-        level = self.points[..., :2]
-        first = np.where(self.usable[..., None], level, np.inf).min(1, keepdims=True)
-        last = np.where(self.usable[..., None], level, -np.inf).max(1, keepdims=True)
+        level, usable = self.by_axis[:, :2], self.usable[:, None]
+        first = np.where(usable, level, np.inf).min(2, keepdims=True)
+        last = np.where(usable, level, -np.inf).max(2, keepdims=True)
         width = np.maximum(last - first, 1e-9)
-        cells = np.clip((level - first) / width * _CELLS, 0, _CELLS - 1)
-        cell = cells.astype(np.intp) @ (1, _CELLS)
-        order = np.argsort(-self.points[..., 2], axis=1)
+        cells = np.clip((level - first) / width * _CELLS, 0, _CELLS - 1).astype(np.intp)
+        cell = cells[:, 0] + _CELLS * cells[:, 1]
+        order = np.argsort(-self.by_axis[:, 2], axis=1)
         lowest = np.full((len(cell), _CELLS**2 + 1), -1)
         # Of several values for one place the last one stays, which is that of the lowest point.
         place = np.where(self.usable, cell, _CELLS**2)
@@ -129,10 +133,9 @@ class GroundCloud(NamedTuple):
             offset: (T,) offsets that stay there.
         """
         total = np.maximum(weight.sum(1), 1e-300)
-        centre = np.matmul(weight[:, None], self.points)[:, 0] / total[:, None]
-        apart = self.points - centre[:, None]
-        weighted = (weight[..., None] * apart[..., :2]).transpose(0, 2, 1)
-        products = np.matmul(weighted, apart)
+        centre = np.matmul(self.by_axis, weight[..., None])[..., 0] / total[:, None]
+        apart = self.by_axis - centre[..., None]
+        products = np.matmul(weight[:, None] * apart[:, :2], apart.transpose(0, 2, 1))
         xx, xy, xz = products[:, 0].T
         _, yy, yz = products[:, 1].T
         determinant = xx * yy - xy**2
@@ -143,3 +146,9 @@ class GroundCloud(NamedTuple):
         tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
         new = np.where(fixed[:, None], tilted, normal)
         return new, np.where(fixed, -(tilted * centre).sum(1), offset)
+
+
+@cache
+def _draws() -> Float:
+    """(3 * trials,) random numbers from 0 to 1 that pick the corners of trial planes."""
+    return np.random.default_rng(0).random(3 * _TRIALS)

@@ -8,7 +8,12 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from edgetree.measure.constants.depth import SURFACE_M, SURFACE_STDS
-from edgetree.measure.constants.outlines import MIN_INSET_PX
+from edgetree.measure.constants.outlines import (
+    MIN_INSET_PX,
+    MIN_RAMP_CONTRAST,
+    MIN_RAMP_PX,
+    RAMP_END,
+)
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
 from edgetree.measure.edge_lines import masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
@@ -19,13 +24,15 @@ from edgetree.measure.regions import OUTWARDS, SearchRegions
 _FRONT = np.linspace(-0.6, 0.6, 5)
 # The depth is read across each edge of the mask, from this many steps outside to this many inside.
 # A step is this fraction of the half width, or at least 1 px.
-_STEPS_OUTSIDE, _STEPS_INSIDE = 4, 14
+_STEPS_OUTSIDE, _STEPS_INSIDE = 9, 14
 _STEP = 0.03
 # The end of the surface is known if at least this share of the readings inwards is on the stem.
 _MIN_ON_STEM = 0.75
 # The stem ends inside its mask if it does at so many stations, and at this share of those at which
 # the mask has an edge.
 _MIN_STATIONS, _MIN_SHARE = 4, 0.25
+# The width of ramps is the median of at least so many in a frame.
+_MIN_RAMPS = 12
 
 
 class DepthEdges(NamedTuple):
@@ -33,17 +40,22 @@ class DepthEdges(NamedTuple):
 
     Attributes:
         inset_px: (2, T, S) distance of the end of the surface from the edge of the mask, positive
-            inwards.
+            inwards, without `shift_px`. Where the depth changes gradually from the stem to what is
+            behind it, the end is the middle of this ramp.
         known: (2, T, S) whether the readings beyond it are all behind the stem, or missing.
         behind: (2, T, S) whether the reading beside it is behind the stem.
         median_px: (2, T) median of the known `inset_px`; 0 where the edges of mask and depth agree,
             or too few are known.
+        shift_px: (T,) how far the depth lies to the right of the mask, across the stem.
+        ramp_px: Width of the ramp in the depth at the edges of the frame's stems; 0 for steps.
     """
 
     inset_px: Float
     known: Bool
     behind: Bool
     median_px: Float
+    shift_px: Float
+    ramp_px: float
 
 
 def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
@@ -107,13 +119,47 @@ def find_depth_edges(
     inner = np.arange(on_stem.shape[-1]) >= index[..., None]
     share = (on_stem & inner).sum(-1) / (on_stem.shape[-1] - index)
     known = found & pick(on_stem, index) & (first > 0) & (share >= _MIN_ON_STEM)
-    inset_px = (index - _STEPS_OUTSIDE - 0.5) * step_px[:, None]
-    median_px = masked_medians(inset_px, known)
+    # A filter that averages stem and background makes a ramp. Its middle is the edge.
+    beside_m = pick(behind_m, read.argmax(-1))
+    ramp = read & ~inner
+    middle_m = (beside_m + radius_m / 2) / 2
+    outer_half = (ramp & (behind_m < middle_m[..., None])).sum(-1)
+    inset_px = (index - outer_half - _STEPS_OUTSIDE - 0.5) * step_px[:, None]
     enough = known.sum(2) >= np.maximum(_MIN_STATIONS, _MIN_SHARE * found.sum(2))
+    shift_px = _shifts_px(masked_medians(inset_px, known), enough)
+    inset_px = inset_px + OUTWARDS * shift_px[:, None]
+    median_px = masked_medians(inset_px, known)
     inside = enough & (median_px > np.maximum(MIN_INSET_PX, step_px))
+    behind = known & pick(read, index - 1)
+    clear = behind & (beside_m > MIN_RAMP_CONTRAST * reach_m[..., 0])
+    steps = (ramp & (behind_m < RAMP_END * beside_m[..., None])).sum(-1)
+    seen_share = RAMP_END - reach_m[..., 0] / np.where(clear, beside_m, np.inf)
+    widths_px = (steps * step_px[:, None] / seen_share)[clear]
+    ramp_px = float(np.median(widths_px)) if len(widths_px) >= _MIN_RAMPS else 0.0
     return DepthEdges(
-        inset_px,
-        known,
-        known & (pick(read_m, index - 1) > 0),
-        np.where(inside, median_px, 0.0),
+        inset_px=inset_px,
+        known=known,
+        behind=behind,
+        median_px=np.where(inside, median_px, 0.0),
+        shift_px=shift_px,
+        ramp_px=ramp_px if ramp_px >= MIN_RAMP_PX else 0.0,
     )
+
+
+def _shifts_px(median_px: Float, enough: Bool) -> Float:
+    """(T,) how far the depth of stems lies to the right of their masks.
+
+    Depth that ends inside the mask on one side and outside it on the other is shifted by the
+    smaller of both distances. Stems of which one side is known have the median of the others.
+
+    Args:
+        median_px: (2, T) insets of the left and the right edges.
+        enough: (2, T) whether they are known.
+    """
+    left, right = median_px
+    both = enough.all(0)
+    opposite = left * right < 0
+    size = np.where(opposite, np.minimum(np.abs(left), np.abs(right)), 0.0)
+    shift_px = np.sign(left) * size
+    common_px = float(np.median(shift_px[both])) if both.any() else 0.0
+    return np.where(both, shift_px, common_px)

@@ -113,8 +113,9 @@ def _measure_all(
     2. Observe edges, axis points and depth readings (`observe_stems`).
     3. Fit the direction of each axis in the image, then distance, tilt and width to the depth.
     4. Fit the ground around each sound stem, and take the vertical there.
-    5. Read the diameters along each stem.
-    6. Compute all values of each tree.
+    5. Compare the distances with the places where the feet meet the ground (`foot_distances`).
+    6. Read the diameters along each stem.
+    7. Compute all values of each tree.
 
     Args:
         frame: Depth, camera, masks and settings.
@@ -206,9 +207,12 @@ def _measured(
     if len(indices):
         noise = noise_factor(fitted.observed.readings, STATIONS, fitted.settings)
         seen = verticals if frame.rotation is None else verticals.turned(frame.rotation)
-        found = find_grounds(frame, fitted.bases(cuts, indices), seen, noise)
+        bases = fitted.bases(cuts)
+        found = find_grounds(frame, bases.of(indices), seen, noise)
         for index, ground in zip(indices, found, strict=True):
             grounds[index] = ground
+        fitted = fitted.against_feet(bases, grounds)
+        reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
     tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
     if frame.rotation is not None:
         back = frame.rotation.T

@@ -55,7 +55,7 @@ def gather_evidence(
         valid_depth_share=observed.valid_depth_fraction.item(index),
         visible_share=None if outline is None else outline.visible_fraction.item(index),
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
-        warnings=warnings + _disagreement(diameters, stds) + _doubtful_depth(observed, index),
+        warnings=warnings + _disagreement(diameters, stds) + _depth_warnings(observed, index),
         distance_at=place,
     )
 
@@ -99,6 +99,27 @@ def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[
     if abs(keypoints_m - mask_m) <= MAX_DISAGREEMENT_STDS * std_m:
         return ()
     return (f"keypoints and mask disagree: {keypoints_m:.2f} m and {mask_m:.2f} m",)
+
+
+def _depth_warnings(observed: StemObservations, index: int) -> tuple[str, ...]:
+    """Warnings about depth that is doubtful, smoothed, or beside the picture."""
+    warnings = _doubtful_depth(observed, index)
+    outline = observed.outline
+    if outline is None:
+        return warnings
+    if outline.depth_ramp_px > 0:
+        warnings += (
+            f"the depth is smoothed over {outline.depth_ramp_px:.0f} px at the edges of stems: turn"
+            " off the camera's smoothing, hole filling and averaging over frames",
+        )
+    shift_px = float(outline.depth_shift_px[index])
+    if shift_px:
+        side = "right" if shift_px > 0 else "left"
+        warnings += (
+            f"the depth lies {abs(shift_px):.0f} px to the {side} of the picture: check that both"
+            " are aligned and of the same moment",
+        )
+    return warnings
 
 
 def _doubtful_depth(observed: StemObservations, index: int) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float, Index
+from basetree.arrays import Bool, Float
 from calib import RigidTransform
 from calib.directions import lengths
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
@@ -25,6 +25,7 @@ from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, incomplete
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
 from edgetree.measure.foot import lowest_seen_px, lowest_std_px
+from edgetree.measure.foot_distance import FootDistances, foot_distances
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
@@ -52,13 +53,17 @@ class _Taper(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FittedFrame:
-    """The fitted stems of a frame, with the observations that they are fitted to."""
+    """The fitted stems of a frame, with the observations that they are fitted to.
+
+    `feet` tells whose depth their feet contradict; None where none does.
+    """
 
     frame: DepthFrame
     keypoints: Keypoints
     observed: StemObservations
     stems: Stems
     roll_std_rad: Float
+    feet: FootDistances | None = None
 
     @property
     def settings(self) -> MeasureSettings:
@@ -78,6 +83,9 @@ class FittedFrame:
             return "neither the diameter keypoints nor the mask show both edges of the stem"
         if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
             return "the mask shows hardly any of the stem"
+        outline = self.observed.outline
+        if outline is not None and outline.smoothed_away[index]:
+            return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
         if not self.observed.plausible_depth[index]:
@@ -93,6 +101,12 @@ class FittedFrame:
         if not MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
             return f"a diameter of {diameter_m:.2f} m is not plausible"
         return None
+
+    def foot_failure(self, index: int) -> str | None:
+        """Why the foot of a stem shows that its depth cannot be the stem's, or None."""
+        if self.feet is None:
+            return None
+        return self.feet.failure(index, self.stems.distance_m.item(index))
 
     def cut_points(self) -> Float:
         """(T, 3) axis points at the felling cuts.
@@ -124,37 +138,65 @@ class FittedFrame:
         return lowest_seen_px(self.frame, self.observed.outline.regions)
 
     @cached_property
-    def _lowest_std_rad(self) -> Float:
-        """(T,) standard deviations of their directions, up and down."""
+    def _lowest_std_px(self) -> Float:
+        """(T,) standard deviations of these points, up and down."""
         if self.observed.outline is None:
             return np.zeros(len(self.stems.distance_m))
-        reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
-        return np.asarray(lowest_std_px(self.frame) / reach_px)
+        return lowest_std_px(self.frame)
 
-    def bases(self, cuts: Float, indices: Index) -> StemBases:
-        """The lower ends of some stems; `cuts` are the (T, 3) axis points at all felling cuts."""
+    @cached_property
+    def _lowest_std_rad(self) -> Float:
+        """(T,) the same of their directions."""
+        reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
+        return np.asarray(self._lowest_std_px / reach_px)
+
+    def bases(self, cuts: Float) -> StemBases:
+        """The lower ends of all stems; `cuts` are the (T, 3) axis points at the felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
-        foot_within = keypoints.within[:, CUT] | ~keypoints.reaches_lower_side
         seen = np.isfinite(self._lowest_px).all(1)
         front = self.stems.radius_m[:, None] * sections.view_direction
         feet = np.where(seen[:, None], self._axis_points(self._lowest_px, seen) - front, np.nan)
-        feet_std_m = self.stems.distance_m * self._lowest_std_rad
         return StemBases(
-            indices=indices,
-            cuts=cuts[indices],
-            lowest=(self.stems.distance_m[:, None] * sections.centre + along)[indices],
-            radii_m=self.stems.radius_m[indices],
-            foot_within=foot_within[indices],
-            feet=feet[indices],
-            feet_std_m=feet_std_m[indices],
+            indices=np.arange(len(cuts)),
+            cuts=cuts,
+            lowest=self.stems.distance_m[:, None] * sections.centre + along,
+            radii_m=self.stems.radius_m,
+            foot_within=keypoints.within[:, CUT] | ~keypoints.reaches_lower_side,
+            feet=feet,
+            feet_std_m=self.stems.distance_m * self._lowest_std_rad,
+            feet_px=self._lowest_px,
+            feet_std_px=self._lowest_std_px,
         )
+
+    def against_feet(self, bases: StemBases, grounds: list[BaseGround | Failure]) -> FittedFrame:
+        """The same, with distances in doubt where the depth contradicts the feet of the stems.
+
+        Args:
+            bases: The lower ends of all T stems.
+            grounds: Ground at each stem.
+        """
+        outline, stems = self.observed.outline, self.stems
+        if outline is None:
+            return self
+        section_m = stems.distance_m[:, None] * stems.sections.centre
+        below_m = np.vecdot(section_m - bases.feet, stems.sections.axes.along)
+        std_m = np.hypot(stems.distance_std_m, below_m * stems.tilt_std_rad)
+        feet = foot_distances(self.frame, outline.regions, bases, grounds, std_m)
+        if not feet.doubt_m.any():
+            return self
+        doubted_m = np.hypot(stems.distance_std_m, feet.doubt_m)
+        return replace(self, stems=replace(stems, distance_std_m=doubted_m), feet=feet)
 
     @cached_property
     def widths(self) -> MaskWidths:
-        """Edges in the masks by height along the axes."""
+        """Edges in the masks by height along the axes.
+
+        Their error grows as that of the section does where keypoints, mask and depth disagree.
+        """
         sections = self.stems.sections
-        return self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        return replace(widths, std_rad=widths.std_rad * self.stems.disagreement)
 
     @cached_property
     def finite(self) -> Bool:
@@ -232,11 +274,9 @@ class FittedFrame:
         for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
                 along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
-                above_m = [
-                    ground.axis_length_m(cuts[index], along, radius_m, height) for height in (0, 1)
-                ]
-                zero_m[index] = above_m[0] - cut_to_section_m[index]
-                per_m[index] = above_m[1] - above_m[0]
+                above_m = ground.axis_length_m(cuts[index], along, radius_m, 0.0)
+                zero_m[index] = above_m - cut_to_section_m[index]
+                per_m[index] = ground.axis_per_height(along)
         known = np.array([isinstance(ground, BaseGround) for ground in grounds])
         return HeightScale(zero_m, per_m, known)
 
@@ -272,6 +312,8 @@ class FittedFrame:
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
         diameter = self.butt_swell.at_cut(index, at_section)
         warnings = self.butt_swell.warnings[index]
+        if self.feet is not None:
+            warnings += self.feet.warning(index)
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
         above_surface = stem.cut_height(ground)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -54,18 +55,22 @@ class MaskGrid:
         """Height in pixels of a cell of the original mask."""
         return self.finer * float(self.box_px[3] - self.box_px[1]) / float(self.grid.shape[0])
 
-    def at(self, xy_px: Float) -> Float:
-        """Probabilities (...) at image points (..., 2), bilinearly interpolated; 0 outside."""
+    @cached_property
+    def to_cells(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Factor and summand that turn x, and y, of image points into columns, and rows.
+
+        Those of an empty box lead outside the grid.
+        """
         x0, y0, x1, y1 = self.box_px.tolist()
         if not (x1 > x0 and y1 > y0):
-            return np.zeros(xy_px.shape[:-1])
+            return (0.0, -2.0), (0.0, -2.0)
         rows, columns = self.grid.shape
         wide, high = columns / (x1 - x0), rows / (y1 - y0)
-        flat = xy_px.reshape(-1, xy_px.shape[-2], 2)
-        x = cv2.addWeighted(flat[..., 0], wide, flat[..., 0], 0, -x0 * wide - 0.5, dtype=cv2.CV_32F)
-        y = cv2.addWeighted(flat[..., 1], high, flat[..., 1], 0, -y0 * high - 0.5, dtype=cv2.CV_32F)
-        found = cv2.remap(self.grid, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        return np.asarray(found.reshape(xy_px.shape[:-1]))
+        return (wide, -x0 * wide - 0.5), (high, -y0 * high - 0.5)
+
+    def at(self, column: Float32, row: Float32) -> Float32:
+        """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside."""
+        return cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +129,23 @@ class DepthFrame:
         """Vectors (..., 3) of the camera's axes in those of the frame."""
         return vectors if self.rotation is None else np.asarray(vectors @ self.rotation.T)
 
+    @cached_property
+    def _to_cells(self) -> Float:
+        """(2, 2, T, 1, 1) of x and y the factors and summands of all masks, see `MaskGrid`."""
+        to_cells = np.array([mask.to_cells for mask in self.masks or ()])
+        return to_cells.transpose(1, 2, 0)[..., None, None]
+
     def mask_probability(self, xy_px: Float) -> Float:
         """Bool probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
-        result = np.ones(xy_px.shape[:-1], np.float32)
-        for mask, points, probability in zip(self.masks or (), xy_px, result, strict=False):
-            probability[:] = mask.at(points)
-        return result
+        if not self.masks:
+            return np.ones(xy_px.shape[:-1], np.float32)
+        flat = xy_px.reshape(len(xy_px), -1, *xy_px.shape[-2:])
+        column, row = (
+            (flat[..., axis] * factor + summand).astype(np.float32)
+            for axis, (factor, summand) in enumerate(self._to_cells)
+        )
+        found = [mask.at(*place) for mask, *place in zip(self.masks, column, row, strict=True)]
+        return np.stack(found).reshape(xy_px.shape[:-1])
 
     def on_any_stem(self, xy_px: Float) -> Bool:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
@@ -137,11 +153,13 @@ class DepthFrame:
         x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
         for mask in self.masks or ():
             x0, y0, x1, y1 = mask.box_px.tolist()
+            (wide, left), (high, top) = mask.to_cells
             near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
             for first in range(0, len(near), _MAX_POINTS):
                 part = near[first : first + _MAX_POINTS]
-                points = np.array([x[part], y[part]]).T
-                result[part] |= mask.at(points[None])[0] >= MASK_THRESHOLD
+                column, row = (wide * x[part] + left)[None], (high * y[part] + top)[None]
+                found = mask.at(column.astype(np.float32), row.astype(np.float32))
+                result[part] |= found[0] >= MASK_THRESHOLD
         return result.reshape(xy_px.shape[:-1])
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> Bool:

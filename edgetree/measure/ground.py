@@ -13,6 +13,7 @@ from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
 from edgetree.measure.constants.ground import (
     DEPARTURE_STD_PER_M,
     FOOT_STDS,
+    GAP_STDS,
     GAP_WITHIN_M,
     LIFT,
     LITTER_STD_M,
@@ -20,6 +21,7 @@ from edgetree.measure.constants.ground import (
     MAX_COVER_STD_M,
     MAX_SLOPE_WITHOUT_FOOT_DEG,
     MIN_COVER_STD_M,
+    MIN_GAP_READINGS,
     MIN_PLANTS_SHARE,
     MIN_SHARE_WITHOUT_FOOT,
     OUTLIER_STD_M,
@@ -31,6 +33,7 @@ from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
 from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
+from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical, Verticals
 
 # Rows and columns of the sampling grid. The second one is for sparse depth.
@@ -129,8 +132,11 @@ class BaseGround:
         """
         cosine = max(float(self.plane.normal @ along), _MIN_COSINE)
         foot_m = -(float(self.plane.height_m(axis_point)) + self.lift_m) / cosine
-        up_cosine = max(float(along @ self.up), _MIN_COSINE)
-        return foot_m + (height_m + self.uphill_m(radius_m)) / up_cosine
+        return foot_m + (height_m + self.uphill_m(radius_m)) * self.axis_per_height(along)
+
+    def axis_per_height(self, along: Float) -> float:
+        """Metres along an axis of direction `along` (3,) per metre of height."""
+        return 1 / max(float(along @ self.up), _MIN_COSINE)
 
     def uphill_m(self, radius_m: float) -> float:
         """Height of the ground on the stem's uphill side above that at its axis: r tan(slope)."""
@@ -152,6 +158,17 @@ class BaseGround:
         return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
 
+@dataclass(frozen=True)
+class DistrustedGround(Failure):
+    """Why a plane is not taken for the ground: bark is seen below it.
+
+    Attributes:
+        ground: The plane with the vertical. Depth that is too far away makes the same picture.
+    """
+
+    ground: BaseGround
+
+
 class StemBases(NamedTuple):
     """The lower ends of T stems.
 
@@ -164,6 +181,8 @@ class StemBases(NamedTuple):
         foot_within: (T,) whether the foot is in the image, as far as one can tell.
         feet: (T, 3) lowest camera points at which the mask shows the bark; NaN without a mask.
         feet_std_m: (T,) standard deviations of their heights.
+        feet_px: (T, 2) the same points in the image.
+        feet_std_px: (T,) standard deviations of these, up and down.
     """
 
     indices: Index
@@ -173,6 +192,12 @@ class StemBases(NamedTuple):
     foot_within: Bool
     feet: Float
     feet_std_m: Float
+    feet_px: Float
+    feet_std_px: Float
+
+    def of(self, indices: Index) -> StemBases:
+        """Those of some of the stems."""
+        return self._make(part[indices] for part in self)
 
 
 def find_grounds(
@@ -220,10 +245,10 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     """The ground, or why its plane is not that of the ground on which the stem stands."""
     plane = ground.plane
     lowest = bases.lowest[index]
-    below_m = -float(plane.height_m(lowest)) if np.isfinite(lowest).all() else 0.0
+    below_m = -float(plane.height_m(lowest)) if all(map(math.isfinite, lowest.tolist())) else 0.0
     if below_m > MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
         seen = f"the stem is seen {below_m:.2f} m below the best plane"
-        return Failure(f"no ground around the base: {seen}")
+        return DistrustedGround(f"no ground around the base: {seen}", ground)
     ground = _as_deep_as_the_foot(ground, bases, index)
     if bases.foot_within[index]:
         return ground
@@ -240,10 +265,12 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
 def _as_deep_as_the_foot(ground: BaseGround, bases: StemBases, index: int) -> BaseGround:
     """The ground, in doubt if the mask shows bark below its plane."""
     foot = bases.feet[index]
-    if not np.isfinite(foot).all():
+    if not all(map(math.isfinite, foot.tolist())):
         return ground
     plane = ground.plane
     below_m = -float(plane.height_m(foot))
+    if below_m < FOOT_STDS * UNEVEN_STD_M:
+        return ground
     parts = (float(plane.height_std_m(foot)), float(bases.feet_std_m[index]), UNEVEN_STD_M)
     if below_m < FOOT_STDS * math.hypot(*parts, LITTER_STD_M):
         return ground
@@ -274,29 +301,33 @@ def _fit_planes(
         DEPARTURE_STD_PER_M * from_bark_m**2,
     )
     cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
+    from_bark_m = np.maximum(samples.level_m - radii_m[:, None], 0.0)
+    near = samples.usable & (from_bark_m < GAP_WITHIN_M)
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else (plane, max(float(std_m), _gap_depth_m(frame, samples, index, plane, radii_m, noise)))
-        for index, (plane, std_m) in enumerate(zip(planes, cover_std_m, strict=True))
+        else (plane, max(std_m, _gap_depth_m(settings, xyz[here], away_m[here], plane, noise)))
+        for plane, std_m, xyz, away_m, here in zip(
+            planes, cover_std_m.tolist(), samples.points, from_bark_m, near, strict=True
+        )
     ]
 
 
 def _gap_depth_m(
-    frame: DepthFrame,
-    samples: GroundSamples,
-    index: int,
+    settings: MeasureSettings,
+    points: Float,
+    from_bark_m: Float,
     plane: GroundPlane,
-    radii_m: Float,
     noise: float,
 ) -> float:
-    """How far below the plane of one stem all its samples show deeper ground, in metres."""
-    from_bark_m = np.maximum(samples.level_m[index] - radii_m[index], 0.0)
-    near = samples.usable[index] & (from_bark_m < GAP_WITHIN_M)
-    points = samples.points[index][near]
+    """How far below the plane of one stem the samples beside it show deeper ground, in metres."""
+    below = plane.height_m(points) < -GAP_STDS * UNEVEN_STD_M
+    if np.count_nonzero(below) < MIN_GAP_READINGS:
+        return 0.0
+    points = points[below]
     depth_m = points[:, 2]
     slope = np.abs(points @ plane.normal) / depth_m
-    height_std_m = slope * noise * depth_stds_m(frame.settings, depth_m)
-    departure_m = DEPARTURE_STD_PER_M * from_bark_m[near] ** 2
+    height_std_m = slope * noise * depth_stds_m(settings, depth_m)
+    departure_m = DEPARTURE_STD_PER_M * from_bark_m[below] ** 2
     std_m = np.sqrt(UNEVEN_STD_M**2 + height_std_m**2 + departure_m**2)
     return gap_depth_m(points, std_m, plane)

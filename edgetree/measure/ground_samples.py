@@ -48,12 +48,16 @@ def sample_around(
     high = np.clip(middle + reach_px, first, last)[:, None]
     ticks = np.linspace(-1.0, 1.0, grid)
     ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
-    xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
+    x_px, y_px = (low + (high - low) * ticks[:, None]).transpose(2, 0, 1)
+    xy_px = np.empty((2, len(ahead), grid, grid))
+    xy_px[0], xy_px[1] = x_px[:, None], y_px[..., None]
+    xy_px = xy_px.reshape(2, len(ahead), -1).transpose(1, 2, 0)
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]
     rise = offset @ vertical
-    level_m = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
+    x_m, y_m, z_m = offset.transpose(2, 0, 1)
+    level_m = np.sqrt(np.maximum(x_m**2 + y_m**2 + z_m**2 - rise**2, 0.0))
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
     usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
@@ -70,6 +74,6 @@ def thinned(samples: GroundSamples) -> GroundSamples:
     kept = np.arange(_MAX_POINTS)[None] < taken[:, None]
     rank = np.where(kept, rank, 0).astype(np.intp)
     picked = np.take_along_axis(order, rank, 1)
-    points = np.take_along_axis(samples.points, picked[..., None], 1)
+    points = samples.points[np.arange(len(picked))[:, None], picked]
     level_m = np.take_along_axis(samples.level_m, picked, 1)
     return GroundSamples(points, kept, level_m, samples.sparse)

@@ -24,6 +24,8 @@ from edgetree.measure.width import StemEdges
 
 # Depth is sampled at this many points across the stem.
 _DEPTH_SAMPLES = 9
+# Of depth that is smoothed over most of the stem, at least this share of the half width is read.
+_MIN_WITHIN = 0.2
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
 _MAX_OFF_CENTRE = 0.35
 
@@ -123,9 +125,19 @@ def _sample_depth(
         edges_px = _fitted_edges(position, outline, edges_px)
     left, right = edges_px
     middle, reach = (left + right) / 2, (right - left) / 2
-    across = np.linspace(-DEPTH_WITHIN, DEPTH_WITHIN, _DEPTH_SAMPLES)
-    xy_px = regions.points(middle[..., None] + reach[..., None] * across)
+    shift_px: Float = np.zeros(len(position))
+    within = np.full_like(reach, DEPTH_WITHIN)
+    if outline is not None:
+        shift_px = outline.depth_shift_px
+        # Smoothed depth near an edge is a mixture with the background.
+        mixed = outline.depth_ramp_px / 2 / np.maximum(reach, 1e-3)
+        within = np.clip(1 - mixed, _MIN_WITHIN, DEPTH_WITHIN)
+    across = np.linspace(-1, 1, _DEPTH_SAMPLES)
+    across_px = middle[..., None] + (within * reach)[..., None] * across
+    xy_px = regions.points(across_px)
     rays, depth_m = frame.readings(xy_px)
+    if shift_px.any():
+        depth_m = frame.depth_at(regions.points(across_px + shift_px[:, None, None]))
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
     own = own_readings(frame, regions, edges_px, depth_m, on_stem)

@@ -13,6 +13,7 @@ from edgetree.measure.constants.outlines import (
     CLIPPED_GAP_PX,
     GIVEN_BORDER_PX,
     MIN_CONTRADICTING_SHARE,
+    MIN_INSET_PX,
     NETWORK_BORDER_PX,
 )
 from edgetree.measure.depth_edges import find_depth_edges, front_depth_m
@@ -37,6 +38,9 @@ class Outline:
         valid: (2, T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
         std_px: (T,) standard deviation of an edge.
+        depth_shift_px: (T,) how far the depth lies to the right of the mask; 0 below
+            `MIN_INSET_PX`.
+        depth_ramp_px: Width of the ramp in the depth at the edges of the stems; 0 for steps.
     """
 
     regions: SearchRegions
@@ -44,6 +48,14 @@ class Outline:
     valid: Bool
     visible_fraction: Float
     std_px: Float
+    depth_shift_px: Float
+    depth_ramp_px: float
+
+    @property
+    def smoothed_away(self) -> Bool:
+        """(T,) whether nearly every depth reading on a stem is mixed with what is beside it."""
+        clear_px = self.regions.half_px - self.depth_ramp_px / 2
+        return np.asarray((self.depth_ramp_px > 0) & (clear_px < MIN_INSET_PX))
 
     @property
     def scatter_px(self) -> Float:
@@ -97,7 +109,22 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     inside_px = np.where(moves, 0.0, depth.median_px)
     contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
     std_px = np.hypot(frame.mask_std_px(), np.hypot(inside_px, contradiction_px).max(0))
-    return Outline(regions, edges_px, lines.agreeing, seen.mean(1), std_px)
+    # Where edges come from the depth, they may be anywhere in its ramp (the deviation of an even
+    # spread). Background that a filter grows into the stem looks like a mask that is too wide, so
+    # edges that are moved have the depth's own error, the same on both sides.
+    moved = moves.any(0)
+    ramp_px = np.where(moved | (not frame.masks_given), depth.ramp_px / np.sqrt(12), 0.0)
+    std_px = np.hypot(std_px, np.hypot(ramp_px, np.where(moved, np.sqrt(2) * MIN_INSET_PX, 0.0)))
+    shift_px = np.where(np.abs(depth.shift_px) >= MIN_INSET_PX, depth.shift_px, 0.0)
+    return Outline(
+        regions=regions,
+        edges_px=edges_px,
+        valid=lines.agreeing,
+        visible_fraction=seen.mean(1),
+        std_px=std_px,
+        depth_shift_px=shift_px,
+        depth_ramp_px=depth.ramp_px,
+    )
 
 
 def _border_px(frame: DepthFrame, keypoints: Keypoints) -> Float:

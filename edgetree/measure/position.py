@@ -17,6 +17,7 @@ from edgetree.measure.constants.stems import (
     MAX_CUT_ABOVE_GROUND_M,
     MAX_CUT_BELOW_GROUND_M,
     MIN_LEAN_STDS,
+    SEEN_BEND_SHARE,
     TAPER_PER_M,
     TAPER_STD_PER_M,
 )
@@ -116,7 +117,10 @@ class StemPosition:
         """
         ahead_m, _, level_m = self._section_parts_m
         value = ahead_m + level_m * TAPER_PER_M * self.radius_m
-        direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
+        seen_bend_rad = SEEN_BEND_SHARE * bend_rad
+        direction_std = math.hypot(
+            self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, seen_bend_rad
+        )
         ahead = self.directions[0]
         rig_m = self.rig.std_m(ahead_m * ahead, ahead)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std, rig_m)

@@ -55,6 +55,12 @@ class SearchRegions:
         low, high = self.span_px[:, :1], self.span_px[:, 1:]
         return np.asarray(low + (high - low) * fraction)
 
+    @cached_property
+    def _line_px(self) -> Float:
+        """(2, T, S, 1) x and y of the stations on the centre line."""
+        origin_px, along = self.origin_px.T[..., None], self.along.T[..., None]
+        return np.asarray(origin_px + self.stations_px * along)[..., None]
+
     def points(self, across_px: Float) -> Float:
         """Image points at the stations.
 
@@ -64,12 +70,11 @@ class SearchRegions:
         Returns:
             (..., T, S, C, 2) points in pixels; in memory, all x lie before all y.
         """
-        line = self.origin_px[:, None] + self.stations_px[..., None] * self.along[:, None]
         points = np.empty((2, *across_px.shape))
         for axis in (0, 1):
             np.multiply(across_px, self.across[:, axis, None, None], out=points[axis])
-            points[axis] += line[..., axis, None]
-        return np.moveaxis(points, 0, -1)
+            points[axis] += self._line_px[axis]
+        return points.transpose(*range(1, points.ndim), 0)
 
 
 def line_spans(origin_px: Float, along: Float, boxes_px: Float) -> Float:

@@ -82,11 +82,11 @@ class MeasureSettings:
         InputError: a number is not positive, or the species is unknown.
     """
 
-    keypoint_std_px: float = 1.2
-    keypoint_spread: float = 0.009
+    keypoint_std_px: float = 1.05
+    keypoint_spread: float = 0.008
     keypoint_slide: float = 0.02
-    mask_std_px: float = 1.5
-    mask_spread: float = 0.23
+    mask_std_px: float = 1.3
+    mask_spread: float = 0.2
     given_mask_std_px: float = 1.1
     depth_noise_per_m: float = 0.002
     depth_noise_m: float = 0.005
@@ -98,7 +98,7 @@ class MeasureSettings:
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.02
     curvature_std: float = 0.05
-    bend_std_deg: float = 1.1
+    bend_std_deg: float = 0.95
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3
@@ -119,4 +119,6 @@ class MeasureSettings:
 
     def scaled(self, factor: float) -> MeasureSettings:
         """The same with `factor` times the errors of a detector's keypoints and mask edges."""
+        if factor == 1:
+            return self
         return replace(self, **{name: factor * getattr(self, name) for name in _DETECTOR_ERRORS})

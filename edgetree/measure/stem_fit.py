@@ -86,6 +86,12 @@ class Stems:
         return np.asarray(sound & (self.used >= MIN_READINGS) & (self.sections.centre[:, 2] > 0))
 
     @cached_property
+    def disagreement(self) -> Float:
+        """(T,) Birge ratio of the sources of the half angle: 1 where they agree, or more."""
+        information = np.sum([1 / source.std_rad**2 for source in self.sources], axis=0)
+        return np.asarray(np.maximum(self.half_std_rad * np.sqrt(information), 1.0))
+
+    @cached_property
     def radius_m(self) -> Float:
         """(T,) radius at the section."""
         return np.asarray(self.distance_m * np.sin(self.sections.half_rad))
@@ -146,7 +152,7 @@ def fit_stems(
         tilt = tilt + step
         axis_points = sections.centre / lines.value_slope[:, :1]
         sections, sources = edges.sections(axes.tilted(np.tan(tilt)), half.rad)
-        if np.nanmax(np.abs(step), initial=0.0) < _CONVERGED_RAD:
+        if np.fmax.reduce(np.abs(step), initial=0.0) < _CONVERGED_RAD:
             break
     distance_m = (axis_points * sections.view_direction).sum(1)
     agreeing = equations.kept.sum(1) / np.maximum(points.used.sum(1), 1)

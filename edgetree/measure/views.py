@@ -282,7 +282,11 @@ def _turned_mask(view: TurnedFrame, mask: MaskGrid, box_px: Float, finer: int) -
     x = box_px[0] + (np.arange(columns) + 0.5) / columns * size[0]
     y = box_px[1] + (np.arange(rows) + 0.5) / rows * size[1]
     places = view.to_source_px(np.stack(np.meshgrid(x, y), -1))
-    return MaskGrid(mask.at(places).astype(np.float32), box_px, finer)
+    column, row = (
+        (places[..., axis] * factor + summand).astype(np.float32)
+        for axis, (factor, summand) in enumerate(mask.to_cells)
+    )
+    return MaskGrid(mask.at(column, row), box_px, finer)
 
 
 @lru_cache(maxsize=4)

@@ -80,7 +80,7 @@ DISAGREEMENT_STD: Final = 0.5
 these may show the stem, and the others an object in front of it.
 Source: fitted (distance-labels)."""
 
-UNREAD_STD: Final = 0.15
+UNREAD_STD: Final = 0.05
 """The same, times the squared share of samples without a reading on the stem.
 Source: fitted (distance-labels)."""
 

@@ -110,6 +110,15 @@ FOOT_STDS: Final = 3.0
 """Bark that is seen this many standard deviations below the plane shows deeper ground.
 Source: bound, rarer than 1 in 700 by chance."""
 
+FOOT_DISTANCE_STDS: Final = 2.0
+"""A stem so many standard deviations from where its foot meets the ground has a warning, and all
+stems of a frame have one if their median is. Source: chosen on simulated frames, where fewer than 1
+in 50 stems have one."""
+
+MIN_BELOW_FOOT_SHARE: Final = 0.3
+"""The ground below a foot is seen if this share of the places there has a reading.
+Source: chosen by hand."""
+
 EVEN_COVER_SHARE: Final = 0.2
 """Probability that plants or snow with an even top hide the soil, before the height of the cut is
 seen. Source: chosen on ray-traced scenes of even plants."""

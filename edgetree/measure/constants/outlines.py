@@ -19,6 +19,18 @@ MIN_INSET_PX: Final = 2.0
 """A mask is too wide if the stem ends further inside it in the depth, in the median of a side.
 Source: bound, matching in a stereo camera moves edges by a pixel."""
 
+MIN_RAMP_CONTRAST: Final = 3.0
+"""The ramp of the depth at an edge is measured where the background is so many times as far behind
+the stem as its surface may reach. Source: chosen by hand."""
+
+RAMP_END: Final = 0.9
+"""The ramp ends at this share of the way to the background.
+Source: chosen by hand, noise of the background stays above it."""
+
+MIN_RAMP_PX: Final = 2.5
+"""Narrower ramps are no sign of a filter, in px of the image.
+Source: bound, pixels that mix stem and background make up to two."""
+
 STATIONS_PER_ERROR: Final = 5.0
 """Neighbouring edges of a mask have correlated errors: so many stations count as one.
 Source: fitted (inclination-network)."""
@@ -27,7 +39,7 @@ EDGE_SHARE: Final = 0.6
 """Share of the error of a half angle that counts at each height along the stem, since edges at
 several stations are averaged. Source: fitted (dbh-network)."""
 
-EDGE_ERROR_M: Final = 1.0
+EDGE_ERROR_M: Final = 2.0
 """Edges within this distance along the stem share one error. Source: fitted (taper-network)."""
 
 MIN_ON_STEM_SHARE: Final = 0.03

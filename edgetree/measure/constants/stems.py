@@ -8,22 +8,26 @@ TAPER_PER_M: Final = 0.07
 """Relative decrease of the diameter per metre of a lower stem.
 Source: fitted (axis-distance-labels)."""
 
-TAPER_STD_PER_M: Final = 0.04
+TAPER_STD_PER_M: Final = 0.02
 """Standard deviation of `TAPER_PER_M` between stems. Source: fitted (axis-distance-labels)."""
 
 STEM_BEND_PER_M: Final = 0.02
 """How far stems bend off a straight axis, and taper: times the squared distance along the stem in
 metres. Source: fitted (inclination-labels)."""
 
+SEEN_BEND_SHARE: Final = 0.3
+"""Share of `bend_std_deg` that moves the axis between section and camera level: the stem is seen
+there as a rule, and the fit follows its bend. Source: fitted (axis-distance-network)."""
+
 SHAPE_STD_PER_M: Final = 0.05
 """Relative standard deviation of a width per metre along the stem from the edges that it is read
 from. Source: fitted (diameter-network)."""
 
-BREAST_HEIGHT_SHAPE: Final = 1.6
+BREAST_HEIGHT_SHAPE: Final = 1.4
 """Stems are more irregular along the stem, at branches, than at the section: factor on
 `out_of_round_std`. Source: fitted (dbh-labels)."""
 
-CUT_SHAPE: Final = 2.6
+CUT_SHAPE: Final = 1.5
 """Displacement of the axis between section and cut by bark, butt swell and bends: standard
 deviation in diameters, as a factor on `out_of_round_std`. Source: fitted (distance-labels)."""
 

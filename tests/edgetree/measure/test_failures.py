@@ -18,7 +18,9 @@ def stand(scene, pole):
 
 def all_fail(tree, reason):
     names = [
-        name for name in TreeMeasurement.__dataclass_fields__ if name not in ("evidence", "species")
+        name
+        for name in TreeMeasurement.__dataclass_fields__
+        if name not in ("evidence", "rig_std", "species")
     ]
     results = [getattr(tree, name) for name in names]
     return all(isinstance(r, Failure) and not r and reason in r.reason for r in results)
