@@ -70,7 +70,9 @@ class MaskGrid:
 
     def at(self, column: Float32, row: Float32) -> Float32:
         """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside."""
-        return cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        border = cv2.BORDER_CONSTANT
+        found = cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, borderMode=border)
+        return np.asarray(found, np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,9 +49,9 @@ def sample_around(
     ticks = np.linspace(-1.0, 1.0, grid)
     ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
     x_px, y_px = (low + (high - low) * ticks[:, None]).transpose(2, 0, 1)
-    xy_px = np.empty((2, len(ahead), grid, grid))
-    xy_px[0], xy_px[1] = x_px[:, None], y_px[..., None]
-    xy_px = xy_px.reshape(2, len(ahead), -1).transpose(1, 2, 0)
+    xy_by_axis = np.empty((2, len(ahead), grid, grid))
+    xy_by_axis[0], xy_by_axis[1] = x_px[:, None], y_px[..., None]
+    xy_px = xy_by_axis.reshape(2, len(ahead), -1).transpose(1, 2, 0)
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]
