@@ -117,7 +117,7 @@ class FittedFrame:
         """
         xy_px, known = self.keypoints.xy_px[:, CUT], self.keypoints.within[:, CUT]
         if not self.keypoints.offered:
-            xy_px, known = self._lowest_px, np.isfinite(self._lowest_px).all(1)
+            xy_px, known = self._lowest_px, np.asarray(np.isfinite(self._lowest_px).all(1))
         return self._axis_points(xy_px, known)
 
     def _axis_points(self, xy_px: Float, known: Bool) -> Float:
@@ -154,7 +154,7 @@ class FittedFrame:
         """The lower ends of all stems; `cuts` are the (T, 3) axis points at the felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
-        seen = np.isfinite(self._lowest_px).all(1)
+        seen = np.asarray(np.isfinite(self._lowest_px).all(1))
         front = self.stems.radius_m[:, None] * sections.view_direction
         feet = np.where(seen[:, None], self._axis_points(self._lowest_px, seen) - front, np.nan)
         return StemBases(

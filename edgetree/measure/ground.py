@@ -197,7 +197,7 @@ class StemBases(NamedTuple):
 
     def of(self, indices: Index) -> StemBases:
         """Those of some of the stems."""
-        return self._make(part[indices] for part in self)
+        return StemBases._make(part[indices] for part in self)
 
 
 def find_grounds(
