@@ -1,7 +1,7 @@
 """Ray-traced scenes of stems that are hard to measure, and how well the intervals hold on them.
 
-python -m benchmarks.metres --seeds 1000 1100
-python -m benchmarks.metres branch fence --seeds 1000 1040
+python -m benchmarks.metres.run --seeds 1000 1060
+python -m benchmarks.metres.run branch netting --seeds 1000 1040
 
 The ray caster (`caster`) knows cones with oval sections, ground with bumps, and layers of plants or
 snow; it shares nothing with the simulator and with the measurement but the pinhole projection.

@@ -1,4 +1,7 @@
-"""Print the scores of rows of scenes; see the package."""
+"""Print the scores of rows of scenes.
+
+python -m benchmarks.metres.run --seeds 1000 1060 --result benchmarks/results/metres.json
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from benchmarks.metres.scores import lines, score
 
 def main() -> None:
     """Render, measure, print, and optionally write the scores."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.metres")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("rows", nargs="*", help="all by default")
     parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1050))
     parser.add_argument("--result", type=Path)
