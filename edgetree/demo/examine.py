@@ -10,6 +10,7 @@ from edgetree.demo.matching import match_boxes
 from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.frames.pipeline import process
 from edgetree.frames.rig import Rig
+from edgetree.measure import EXACT_RIG
 from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import SampleFrame
@@ -23,7 +24,9 @@ def examine(detector: TreeDetector, sample: SampleFrame) -> FrameComparison:
     """
     x, y, z = sample.up_camera.tolist()
     frame = sample.read()
-    result = process(frame, detector, Rig(sample.camera, up_camera=(x, y, z)))
+    result = process(
+        frame, detector, Rig(sample.camera, up_camera=(x, y, z), uncertainty=EXACT_RIG)
+    )
     trees, measurements = result.trees, result.measurements
     assert frame.depth_m is not None
     assert measurements is not None
