@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections import defaultdict
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from basetree.arrays import Float
-from benchmarks.fit_cases import Case, make_frames, read_cases
+from benchmarks.fit_cases import Case, read_all, say
 from benchmarks.fit_measure import FIT_FRAMES, MODEL, QUANTITIES, SOURCES, TEST_FRAMES
 from edgetree import TreeDetector
 from edgetree.catalogue import find_model
@@ -80,21 +79,8 @@ def main() -> None:
     options = parser.parse_args()
     detector = TreeDetector.load(find_model(MODEL), threads=1, score_threshold=0.5)
 
-    def say(text: str) -> None:
-        sys.stdout.write(text + "\n")
-        sys.stdout.flush()
-
-    cases = [
-        case
-        for preset, seed, count in (TEST_FRAMES if options.test else FIT_FRAMES)
-        for case in read_cases(
-            make_frames(options.data, preset, seed, count),
-            preset,
-            min(count, options.frames or count),
-            detector,
-            say,
-        )
-    ]
+    chosen = TEST_FRAMES if options.test else FIT_FRAMES
+    cases = read_all(options.data, chosen, detector, options.frames)
     results = {}
     for (quantity, source), errors in normalized_errors(cases).items():
         results[f"{quantity}, {source}"] = coverage(errors)

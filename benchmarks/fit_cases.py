@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -191,6 +192,39 @@ def make_frames(data: Path, preset: str, seed: int, count: int) -> Path:
             settings = replace(settings, views_per_scene=_VIEWS)
         generate_dataset(folder, count, settings, seed, files=PRESETS[preset].files)
     return folder
+
+
+def read_all(
+    data: Path,
+    chosen: Iterable[tuple[str, int, int]],
+    detector: TreeDetector,
+    most: int | None = None,
+) -> list[Case]:
+    """The cases of several datasets, which are simulated where they are missing.
+
+    Args:
+        data: Folder of the datasets.
+        chosen: Preset, seed and number of frames of each.
+        detector: What detects their trees.
+        most: Largest number of frames of each.
+    """
+    return [
+        case
+        for preset, seed, count in chosen
+        for case in read_cases(
+            make_frames(data, preset, seed, count),
+            preset,
+            count if most is None else min(count, most),
+            detector,
+            say,
+        )
+    ]
+
+
+def say(text: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
 
 
 def read_cases(

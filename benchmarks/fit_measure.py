@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from basetree.arrays import Bool, Float, Index
-from benchmarks.fit_cases import Case, make_frames, read_cases
+from benchmarks.fit_cases import Case, read_all, say
 from benchmarks.measure import SIMULATED
 from edgetree import TreeDetector
 from edgetree.catalogue import find_model
@@ -225,19 +225,8 @@ def main() -> None:
     options = parser.parse_args()
     detector = TreeDetector.load(find_model(MODEL), threads=1, score_threshold=0.5)
 
-    def say(text: str) -> None:
-        sys.stdout.write(text + "\n")
-        sys.stdout.flush()
-
     fitting, testing = (
-        [
-            case
-            for preset, seed, count in chosen
-            for case in read_cases(
-                make_frames(options.data, preset, seed, count), preset, count, detector, say
-            )
-        ]
-        for chosen in (FIT_FRAMES, TEST_FRAMES)
+        read_all(options.data, chosen, detector) for chosen in (FIT_FRAMES, TEST_FRAMES)
     )
     say("constant, fit: old, new ± standard deviation (readings); inside 95 % on other frames")
     results = {}

@@ -93,10 +93,10 @@ class QuantitySummary(NamedTuple):
         measured: Number of these trees. If it is 0, the other values are None.
         median_abs_error_m: Median absolute error in metres.
         median_relative_error: Median absolute error divided by the true value.
-        within_one_std: Share of errors within one standard deviation, in [0, 1]. Normally
-            distributed errors give 0.68.
-        within_two_std: Share of errors within two standard deviations, in [0, 1]. Normally
-            distributed errors give 0.95.
+        within_one_std: Share of errors within one standard deviation, in [0, 1]. Errors as
+            `Estimate.interval` takes them give 0.77.
+        within_two_std: Share of errors within two standard deviations, in [0, 1]. Such errors give
+            0.95.
     """
 
     measured: int

@@ -80,7 +80,7 @@ def _plain_words(model: ModelResult) -> str:
         )
         sentences.append(
             "Each value comes with its standard deviation (±), an estimate of its error. If that "
-            "estimate is right, 68 of 100 true values lie within one standard deviation, and 95 "
+            "estimate is right, 77 of 100 true values lie within one standard deviation, and 95 "
             f"within two. Of the diameters here, {diameter.within_one_std * 100:.0f} of 100 lie "
             f"within one, and {diameter.within_two_std * 100:.0f} within two."
         )

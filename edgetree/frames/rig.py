@@ -212,8 +212,8 @@ class Rig:
 def _tell_assumed(*words: str) -> None:
     if words:
         _log.warning(
-            "nothing states the errors of the rig, so intervals hold standard deviations of: %s;"
-            " give known ones with --rig-errors (in Python Rig(uncertainty=...))",
+            "the errors of the rig are not given; standard deviations taken: %s; give them with"
+            " --rig-errors (in Python Rig(uncertainty=...))",
             ", ".join(words),
         )
 

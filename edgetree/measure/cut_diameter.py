@@ -14,7 +14,8 @@ from edgetree.measure.constants.outlines import (
     SECTION_CERTAIN_M,
     SECTION_DOUBTED_M,
 )
-from edgetree.measure.estimates import Estimate
+from edgetree.measure.constants.stems import MAX_RELATIVE_STD
+from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations
@@ -106,3 +107,12 @@ class ButtSwell(NamedTuple):
         growth = 1 + float(self.share[index])
         std = math.hypot(section.std * growth, section.value * float(self.std[index]))
         return Estimate(section.value * growth, std)
+
+
+def if_certain(diameter: Estimate) -> Estimate | Failure:
+    """The diameter, or a failure if its relative standard deviation is too large."""
+    if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
+        return Failure(
+            f"the diameter is too uncertain: {diameter.value:.2f} m ± {diameter.std:.2f} m"
+        )
+    return diameter

@@ -17,11 +17,10 @@ from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
     BREAST_HEIGHT_SHAPE,
     CUT_SHAPE,
-    MAX_RELATIVE_STD,
     MIN_DIAMETER_M,
     TAPER_PER_M,
 )
-from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, incomplete_stds
+from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, if_certain, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
 from edgetree.measure.foot import lowest_seen_px, lowest_std_px
@@ -38,7 +37,7 @@ from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
 from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
 from edgetree.measure.vertical import Verticals
-from edgetree.measure.volume import Species, stem_volume
+from edgetree.measure.volume import volume_by_dbh
 from edgetree.measure.width import MaskWidths
 
 
@@ -324,7 +323,7 @@ class FittedFrame:
         bend_rad = math.radians(self.settings.bend_std_deg)
         species, limit_m = self.settings.species, self.settings.max_stump_height_m
         return TreeMeasurement(
-            diameter_m=_if_certain(diameter),
+            diameter_m=if_certain(diameter),
             dbh_m=taper.dbh_m,
             cut_height_m=height,
             inclination_deg=inclination,
@@ -335,7 +334,7 @@ class FittedFrame:
             axis_distance_m=stem.axis_distance(bend_rad),
             taper_cm_per_m=taper.taper_cm_per_m,
             seen_volume_m3=taper.seen_volume_m3,
-            volume_m3=_volume(species, taper.dbh_m),
+            volume_m3=volume_by_dbh(species, taper.dbh_m),
             profile=taper.profile,
             species=species,
             cut_point_m=stem.cut_point() if problem is None else problem,
@@ -398,19 +397,3 @@ class FittedFrame:
             tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,
             rig=self.frame.rig,
         )
-
-
-def _volume(species: Species | None, dbh: Estimate | Failure) -> Estimate | Failure:
-    """Volume of the whole stem, or why there is none."""
-    if species is None:
-        return Failure("no species given")
-    return dbh if isinstance(dbh, Failure) else stem_volume(species, dbh)
-
-
-def _if_certain(diameter: Estimate) -> Estimate | Failure:
-    """The diameter, or a failure if its relative standard deviation is too large."""
-    if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
-        return Failure(
-            f"the diameter is too uncertain: {diameter.value:.2f} m ± {diameter.std:.2f} m"
-        )
-    return diameter

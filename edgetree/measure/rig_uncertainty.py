@@ -26,6 +26,14 @@ _NAMES = {
 _LARGEST = {"depth_scale_std": 0.5, "vertical_std_deg": 90.0, "mounting_std_deg": 90.0}
 
 
+def _check(name: str, field: str, value: float) -> None:
+    """Refuse a standard deviation that is out of range; `name` is what the user calls it."""
+    largest = _LARGEST.get(field, math.inf)
+    if not (math.isfinite(value) and 0 <= value <= largest):
+        limit = f" to {largest:g}" if math.isfinite(largest) else " or more"
+        raise InputError(f"the rig error {name} is {value:g}: expected 0{limit}")
+
+
 @dataclass(frozen=True)
 class RigUncertainty:
     """How well a rig is known, as standard deviations.
@@ -56,10 +64,9 @@ class RigUncertainty:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            value, largest = getattr(self, entry.name), _LARGEST.get(entry.name, math.inf)
-            if value is not None and not (math.isfinite(value) and 0 <= value <= largest):
-                limit = f" to {largest:g}" if math.isfinite(largest) else " or more"
-                raise InputError(f"{entry.name} is {value}: expected 0{limit}")
+            value = getattr(self, entry.name)
+            if value is not None:
+                _check(entry.name, entry.name, value)
 
     @classmethod
     def from_text(cls, text: str) -> RigUncertainty:
@@ -78,9 +85,10 @@ class RigUncertainty:
                 value = math.nan
             if not field or field in values or not math.isfinite(value):
                 raise InputError(
-                    f"rig errors are {text!r}: expected each of {', '.join(_NAMES)} at most once,"
-                    " such as scale=0.004,principal=1.2"
+                    f"the rig errors {text!r} hold {part.strip()!r}: expected NAME=NUMBER with each"
+                    f" of {', '.join(_NAMES)} at most once, such as scale=0.004,principal=1.2"
                 )
+            _check(name.strip(), field, value)
             values[field] = value
         return cls(**values)
 

@@ -69,6 +69,13 @@ _MIN_DIAMETER_CM: Final = 1.5
 _MIN_HEIGHT_M: Final = 4.0
 
 
+def volume_by_dbh(species: Species | None, dbh: Estimate | Failure) -> Estimate | Failure:
+    """Volume of the whole stem by its diameter at breast height, or why there is none."""
+    if species is None:
+        return Failure("no species given")
+    return dbh if isinstance(dbh, Failure) else stem_volume(species, dbh)
+
+
 def stem_volume(
     species: Species, dbh_m: Estimate, height_m: Estimate | None = None
 ) -> Estimate | Failure:

@@ -27,7 +27,7 @@ def test_what_is_assumed_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     rig = Rig(CAMERA, mounting=mounting, uncertainty=RigUncertainty(principal_std_px=1.0))
     for _ in range(3):
         rig.tell_assumed(CAMERA, False)
-    assert caplog.text.count("nothing states the errors of the rig") == 1
+    assert caplog.text.count("the errors of the rig are not given") == 1
     assert "depth scale 0.7 %, vertical 2 degrees, mounting 2 degrees;" in caplog.text
     assert "principal" not in caplog.text
 
@@ -42,7 +42,12 @@ def test_errors_are_read_from_a_text() -> None:
     assert read == RigUncertainty(0.004, 1.2, None, 1.0)
 
 
+def test_a_value_out_of_range_is_named_as_it_was_given() -> None:
+    with pytest.raises(InputError, match="the rig error scale is -1: expected 0 to"):
+        RigUncertainty.from_text("scale=-1")
+
+
 @pytest.mark.parametrize("text", ["", "scale", "scale=x", "size=1", "scale=1e-3,scale=2e-3"])
 def test_other_texts_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match="expected each of scale, principal, vertical, mounting"):
+    with pytest.raises(InputError, match="expected NAME=NUMBER with each of scale, principal, "):
         RigUncertainty.from_text(text)

@@ -114,5 +114,5 @@ def test_what_is_not_stated_is_assumed(stand):
     [("depth_scale_std", -0.1), ("principal_std_px", np.inf), ("vertical_std_deg", 91.0)],
 )
 def test_errors_of_a_rig_are_checked(name, value):
-    with pytest.raises(InputError, match=f"{name} is {value}: expected 0"):
+    with pytest.raises(InputError, match=f"the rig error {name} is {value:g}: expected 0"):
         RigUncertainty(**{name: value})
