@@ -181,9 +181,8 @@ class FittedFrame:
         section_m = stems.distance_m[:, None] * stems.sections.centre
         below_m = np.vecdot(section_m - bases.feet, stems.sections.axes.along)
         std_m = np.hypot(stems.distance_std_m, below_m * stems.tilt_std_rad)
-        feet = foot_distances(self.frame, outline.regions, bases, grounds, std_m)
-        if not feet.doubt_m.any():
-            return self
+        along = stems.sections.axes.along
+        feet = foot_distances(self.frame, outline, bases, grounds, along, std_m)
         doubted_m = np.hypot(stems.distance_std_m, feet.doubt_m)
         return replace(self, stems=replace(stems, distance_std_m=doubted_m), feet=feet)
 

@@ -20,22 +20,24 @@ from basetree.arrays import Bool, Float
 from edgetree.measure.constants.ground import (
     FOOT_DISTANCE_STDS,
     LITTER_STD_M,
-    MIN_BELOW_FOOT_SHARE,
+    MIN_LATE_STD_M,
+    OTHER_FOOT_SHARE,
     UNEVEN_STD_M,
 )
 from edgetree.measure.constants.stems import MAX_RELATIVE_STD
-from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.estimates import Failure
+from edgetree.measure.foot_readings import below_feet, goes_on_below
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, DistrustedGround, StemBases
-from edgetree.measure.regions import SearchRegions
+from edgetree.measure.late_depth import LateDepth, late_depth
+from edgetree.measure.outline import Outline
 
-# The ground below the end of a mask is read at these distances, in standard deviations of that end
-# but in pixels at least, and at these places across, in half widths of the stem.
-_BELOW = np.linspace(2.5, 5.0, 6)
-_ACROSS = np.linspace(-0.6, 0.6, 5)
 # The ray meets the ground where it falls by this share of the camera's height at least.
 _MIN_FALL = 0.1
+# Smallest cosine of the angle between an axis and the ground's normal.
+_MIN_COSINE = 0.2
+# Among many plants, a foot is moved by something else with this probability at most.
+_MAX_OTHER = 0.95
 
 
 class FootDistances(NamedTuple):
@@ -44,25 +46,26 @@ class FootDistances(NamedTuple):
     Attributes:
         beyond_m: (T,) distance by the depth less that by the foot; NaN where no foot is seen.
         std_m: (T,) its standard deviation.
-        doubt_m: (T,) standard deviations to add to those of the distances; 0 where both agree
-            within their deviations, or nothing tells.
-        shared_m: By how much most stems of the frame are beyond their feet; 0 where this is within
-            `FOOT_DISTANCE_STDS`, or only one is seen.
+        told: (T,) whether the foot of a stem contradicts its depth by itself.
+        late: Whether the depth of the frame is of an earlier moment.
+        doubt_m: (T,) standard deviations to add to those of the distances.
     """
 
     beyond_m: Float
     std_m: Float
+    told: Bool
+    late: LateDepth
     doubt_m: Float
-    shared_m: float
 
     def warning(self, index: int) -> tuple[str, ...]:
         """What the foot of one stem, or those of the others, tells of its depth."""
         beyond_m = self.beyond_m.item(index)
-        if self.doubt_m[index] and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
+        if self.told[index] and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
             return (_contradiction(beyond_m),)
-        if self.shared_m:
+        if self.late.std_m > MIN_LATE_STD_M:
+            side = "in front of" if self.late.beyond_m > 0 else "behind"
             return (
-                f"the feet of the stems meet the ground {self.shared_m:.2f} m in front of their"
+                f"the feet of the stems meet the ground {abs(self.late.beyond_m):.2f} m {side} their"
                 " depth: the depth may be of an earlier moment",
             )
         return ()
@@ -70,7 +73,7 @@ class FootDistances(NamedTuple):
     def failure(self, index: int, distance_m: float) -> str | None:
         """Why the depth of one stem cannot be the stem's, or None."""
         beyond_m = self.beyond_m.item(index)
-        if not (self.doubt_m[index] and abs(beyond_m) > MAX_RELATIVE_STD * distance_m):
+        if not (self.told[index] and abs(beyond_m) > MAX_RELATIVE_STD * distance_m):
             return None
         return f"no depth on the stem: {_contradiction(beyond_m)}"
 
@@ -90,26 +93,32 @@ def _contradiction(beyond_m: float) -> str:
 
 def foot_distances(
     frame: DepthFrame,
-    regions: SearchRegions,
+    outline: Outline,
     bases: StemBases,
     grounds: Sequence[BaseGround | Failure],
+    along: Float,
     stem_std_m: Float,
 ) -> FootDistances:
     """Compare the distances of T stems with those of their feet.
 
     A foot is seen where the readings just below its mask lie on the ground's plane. Where they lie
     above it, plants may hide the foot. A stem nearer than its foot contradicts it only if these
-    readings are further away than the stem: a mask that ends too early moves the foot back.
+    readings are further away than the stem: a mask that ends too early moves the foot back. All
+    feet together, and those below which the depth shows the stem going on, tell whether the depth
+    is of an earlier moment.
 
     Args:
         frame: Depth, camera and masks.
-        regions: Search regions along the stems.
+        outline: Outlines of the stems.
         bases: The lower ends of the stems.
         grounds: Ground at each stem.
+        along: (T, 3) unit vectors up the axes.
         stem_std_m: (T,) standard deviations of the stems' distances at their feet.
     """
-    normals, offsets_m, std_m = _planes(grounds, bases.feet)
-    below_m, behind_m = _below_feet(frame, regions, bases, normals, offsets_m)
+    normals, offsets_m, std_m, above = _planes(grounds, bases.feet)
+    below_m, behind_m = below_feet(
+        frame, outline.regions, outline.depth_shift_px, bases, normals, offsets_m
+    )
     feet = bases.feet
     height_m = np.vecdot(feet, normals) + offsets_m
     fall_m = np.maximum(offsets_m - height_m, _MIN_FALL * offsets_m)
@@ -122,67 +131,46 @@ def foot_distances(
     on_ground = bases.foot_within & (np.abs(below_m) < 3 * UNEVEN_STD_M)
     # Where the image cuts a stem, its foot is even nearer.
     cut = (bases.feet_px[:, 1] > frame.camera.height - bases.feet_std_px) & (beyond_m > 0)
-    seen = (on_ground | cut) & (offsets_m > 0) & np.isfinite(beyond_m) & np.isfinite(total_m)
+    known = (offsets_m > 0) & np.isfinite(beyond_m) & np.isfinite(total_m)
+    seen = (on_ground | cut) & known
     told = seen & ((beyond_m > 0) | (behind_m > feet[:, 2]))
-    shared_m = _shared_m(beyond_m[seen], total_m[seen])
+    down_m = height_m / np.maximum(np.vecdot(normals, along), _MIN_COSINE)
+    short = known & bases.foot_within & (beyond_m < -total_m)
+    goes_on = np.zeros_like(short)
+    if short.any():
+        way_m = -down_m[short, None] * along[short]
+        regions, shift_px = outline.regions.of(short), outline.depth_shift_px[short]
+        goes_on[short] = goes_on_below(frame, regions, shift_px, bases.of(short), way_m)
+    # Nothing that hides a foot moves it in front of the depth.
+    in_front = known & bases.foot_within & np.isnan(below_m) & (beyond_m > 0)
+    telling = seen | goes_on | in_front
+    beside = 2 * np.count_nonzero(outline.depth_shift_px) >= len(feet)
+    other = np.minimum(OTHER_FOOT_SHARE + above, _MAX_OTHER)
+    late = late_depth(beyond_m[telling], total_m[telling], other[telling], beside)
     # What the difference shows beyond its standard deviation, as in Birge's ratio.
     excess_m = np.sqrt(np.maximum(beyond_m**2 - total_m**2, 0.0))
     return FootDistances(
         beyond_m=np.where(seen, beyond_m, np.nan),
         std_m=total_m,
-        doubt_m=np.maximum(np.where(told, excess_m, 0.0), shared_m),
-        shared_m=shared_m,
+        told=told,
+        late=late,
+        doubt_m=np.maximum(np.where(told, excess_m, 0.0), late.std_m),
     )
 
 
-def _shared_m(beyond_m: Float, std_m: Float) -> float:
-    """By how much most of N stems are beyond their feet; 0 where they agree, or for one stem.
-
-    It is their median. Of two middle values the one nearer to 0 counts, so that one stem with the
-    depth of something else moves no other.
+def _planes(
+    grounds: Sequence[BaseGround | Failure], feet: Float
+) -> tuple[Float, Float, Float, Float]:
+    """Normals (T, 3) of the ground, heights (T,) of the camera above it, its deviations (T,), and
+    the shares (T,) of points that stand above it.
     """
-    count = len(beyond_m)
-    if count < 2:
-        return 0.0
-    middle = np.argsort(beyond_m)[(count - 1) // 2]
-    within_m = FOOT_DISTANCE_STDS * std_m[middle] / np.sqrt(count)
-    return float(beyond_m[middle]) if beyond_m[middle] > within_m else 0.0
-
-
-def _planes(grounds: Sequence[BaseGround | Failure], feet: Float) -> tuple[Float, Float, Float]:
-    """Normals (T, 3) of the ground, heights (T,) of the camera above it, its deviations (T,)."""
     count = len(grounds)
-    normals, offsets_m, std_m = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    normals, (offsets_m, std_m, above) = np.zeros((count, 3)), np.zeros((3, count))
     for index, ground in enumerate(grounds):
         ground = ground.ground if isinstance(ground, DistrustedGround) else ground
         if isinstance(ground, BaseGround):
             normals[index] = ground.plane.normal
             offsets_m[index] = ground.plane.offset_m + ground.lift_m
             std_m[index] = float(ground.plane.height_std_m(feet[index]))
-    return normals, offsets_m, std_m
-
-
-def _below_feet(
-    frame: DepthFrame,
-    regions: SearchRegions,
-    bases: StemBases,
-    normals: Float,
-    offsets_m: Float,
-) -> tuple[Float, Float]:
-    """Median heights above the ground and depths (T,) of readings just below the masks.
-
-    Both are NaN where too few places have a reading, or the image ends.
-    """
-    step_px = np.maximum(bases.feet_std_px, 1.0)[:, None]
-    down = (_BELOW * step_px)[:, :, None, None] * regions.along[:, None, None]
-    across = (_ACROSS * regions.half_px[:, None])[:, None, :, None]
-    xy_px = bases.feet_px[:, None, None] - down + across * regions.across[:, None, None]
-    count = len(step_px)
-    rays, depth_m = frame.readings(np.where(np.isfinite(xy_px), xy_px, -1.0))
-    depth_m = depth_m.reshape(count, -1)
-    known: Bool = depth_m > 0
-    falls = np.matmul(rays.reshape(count, -1, 3), normals[..., None])[..., 0]
-    height_m = masked_medians(falls * depth_m + offsets_m[:, None], known)
-    enough = known.mean(1) >= MIN_BELOW_FOOT_SHARE
-    behind_m = masked_medians(depth_m, known)
-    return np.where(enough, height_m, np.nan), np.where(enough, behind_m, np.nan)
+            above[index] = ground.plane.above_fraction
+    return normals, offsets_m, std_m, above

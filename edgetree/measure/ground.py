@@ -195,7 +195,7 @@ class StemBases(NamedTuple):
     feet_px: Float
     feet_std_px: Float
 
-    def of(self, indices: Index) -> StemBases:
+    def of(self, indices: Index | Bool) -> StemBases:
         """Those of some of the stems."""
         return StemBases._make(part[indices] for part in self)
 

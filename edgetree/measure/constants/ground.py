@@ -115,6 +115,38 @@ FOOT_DISTANCE_STDS: Final = 2.0
 stems of a frame have one if their median is. Source: chosen on simulated frames, where fewer than 1
 in 50 stems have one."""
 
+LATE_DEPTH_SHARE: Final = 0.02
+"""Probability that the depth of a frame is of an earlier moment than its picture, before its feet
+are seen. Source: chosen by hand, so that clean frames are hardly wider."""
+
+LATE_DEPTH_BESIDE_SHARE: Final = 0.3
+"""The same where the depth lies beside the picture, as after a turn of the machine or with a wrong
+alignment. Source: chosen by hand, neither is much more common."""
+
+LATE_DEPTH_STD_M: Final = 0.4
+"""How far a machine drives between the moments of such depth and its picture, as a standard
+deviation. Source: chosen, 0.3 s at 1.3 m/s."""
+
+MIN_LATE_STD_M: Final = 0.05
+"""From this standard deviation because of late depth on, the stems of a frame have a warning.
+Source: chosen, about that of a distance without faults."""
+
+MIN_LATE_PROBABILITY: Final = 0.06
+"""Less probable shifts of the depth are not looked at, as most frames would be a little wider.
+Source: chosen, feet that make one three times as likely, which is hardly worth a mention."""
+
+OTHER_FOOT_SHARE: Final = 0.05
+"""Probability that a foot is moved by something else, such as a mask that ends too early. The share
+of the points that stand above the ground is added, as plants hide feet.
+Source: chosen on simulated frames, some 1 in 20 of a network's masks."""
+
+GOES_ON_SHARE: Final = 0.8
+"""A stem goes on below its mask if this share of the readings there is as far away as its bark, and
+fewer of those beside it are by `GOES_ON_MARGIN`. Source: chosen on simulated frames."""
+
+GOES_ON_MARGIN: Final = 0.3
+"""See there. Source: chosen on simulated frames."""
+
 MIN_BELOW_FOOT_SHARE: Final = 0.3
 """The ground below a foot is seen if this share of the places there has a reading.
 Source: chosen by hand."""

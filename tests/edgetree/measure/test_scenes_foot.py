@@ -52,6 +52,29 @@ def test_depth_of_this_moment_is_not(scene, pole, seed):
     assert tree.axis_distance_m.std < 0.12
 
 
+@pytest.mark.parametrize("seed", range(1060, 1068))
+@pytest.mark.parametrize("back_m", [0.4, 0.7])
+def test_depth_before_driving_back_is_in_doubt(scene, pole, seed, back_m):
+    now, depth_m = frame(scene, pole, seed, -back_m, count=2)
+    for number in (0, 1):
+        tree, true_m = measured(now, depth_m, number)
+        distance = tree.axis_distance_m
+        if distance:
+            assert true_m - distance.value > 0.5 * back_m
+            assert true_m - distance.value < 3 * distance.std
+            assert feet(tree)
+
+
+def test_a_mask_that_ends_too_early_puts_no_other_stem_in_doubt(scene, pole):
+    now, depth_m = frame(scene, pole, 1070, 0.0, count=3)
+    masks = now.masks()
+    masks[1][np.flatnonzero(masks[1].any(1))[-20:]] = False
+    trees = measure_trees(now.detections(), depth_m, now.camera, masks=masks, up_camera=now.up)
+    for number in (0, 2):
+        assert feet(trees[number]) == []
+        assert trees[number].axis_distance_m.std < 0.12
+
+
 def test_stems_without_a_foot_share_the_doubt_of_the_others(scene, pole):
     now, depth_m = frame(scene, pole, 1021, 0.6, count=3)
     # Something hides the depth below the middle stem, so that its foot is not seen.
