@@ -17,6 +17,7 @@ from edgetree.commands.options import (
     Depth,
     DepthKind,
     DepthScale,
+    GroundCover,
     Mounting,
     RigErrors,
     Rotate,
@@ -146,6 +147,7 @@ class LiveMetresOptions:
     rotate: Rotate = None
     rig_errors: RigErrors = None
     stump_height: StumpHeight = None
+    ground_cover: GroundCover = None
     species: SpeciesName = None
     odometry: _Odometry = False
 
@@ -169,6 +171,7 @@ class LiveMetresOptions:
             rotate=self.rotate,
             rig_errors=self.rig_errors,
             stump_height=self.stump_height,
+            ground_cover=self.ground_cover,
             species=self.species,
         )
 

@@ -12,6 +12,7 @@ import typer
 from edgetree.commands.options import (
     DepthKind,
     DepthScale,
+    GroundCover,
     Mounting,
     Provider,
     RigErrors,
@@ -58,6 +59,7 @@ class RigOptions:
     rotate: Rotate = None
     rig_errors: RigErrors = None
     stump_height: StumpHeight = None
+    ground_cover: GroundCover = None
     species: SpeciesName = None
 
     def rig(self, camera: Path | None, depth: Path | None) -> Rig:
@@ -95,14 +97,15 @@ class RigOptions:
         """The settings of the measurement; None for the defaults.
 
         Raises:
-            InputError: --stump-height is not positive, or --species is unknown.
+            InputError: --stump-height is not positive, --ground-cover is not two lengths, or
+                --species is unknown.
         """
         from basetree.errors import InputError
         from edgetree.measure import SPECIES, MeasureSettings
         from edgetree.measure.volume import EXPECTED_SPECIES
 
         height_m = self.stump_height
-        if height_m is None and self.species is None:
+        if height_m is None and self.species is None and self.ground_cover is None:
             return None
         if height_m is not None and not (math.isfinite(height_m) and height_m > 0):
             raise InputError(f"--stump-height is {height_m}: expected metres above 0")
@@ -110,6 +113,9 @@ class RigOptions:
         if species != self.species:
             raise InputError(f"--species is {self.species!r}: expected {EXPECTED_SPECIES}")
         settings = MeasureSettings(species=species)
+        if self.ground_cover is not None:
+            cover_m, std_m = _cover(self.ground_cover)
+            settings = replace(settings, ground_cover_m=cover_m, ground_cover_std_m=std_m)
         return settings if height_m is None else replace(settings, max_stump_height_m=height_m)
 
     def files(self, camera: Path | None) -> dict[str, Path | None]:
@@ -168,6 +174,22 @@ class SessionOptions:
             score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
         )
         return detector, path
+
+
+def _cover(text: str) -> tuple[float, float]:
+    """Height and standard deviation of a cover of the ground, from "M,STD"."""
+    from basetree.errors import InputError
+
+    try:
+        height_m, std_m = (float(part) for part in text.split(","))
+    except ValueError:
+        height_m = std_m = math.nan
+    if not (0 < height_m < math.inf and 0 < std_m < math.inf):
+        raise InputError(
+            f"--ground-cover is {text!r}: expected a height and its standard deviation in metres,"
+            " both above 0, such as 0.3,0.05"
+        )
+    return height_m, std_m
 
 
 def _uncertainty(text: str | None) -> RigUncertainty | None:

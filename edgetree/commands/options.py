@@ -129,6 +129,15 @@ StumpHeight: TypeAlias = Annotated[
         metavar="M", help="Warn of felling cuts higher than this, in metres; 0.3 if not given."
     ),
 ]
+GroundCover: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="M,STD",
+        help="Height of snow, moss or plants with an even top that hide the ground, and its"
+        " standard deviation, in metres as measured by hand, such as 0.3,0.05. Heights then count"
+        " from the ground below.",
+    ),
+]
 SpeciesName: TypeAlias = Annotated[
     str | None,
     typer.Option(

@@ -17,23 +17,25 @@ from edgetree.measure.constants.ground import (
 from edgetree.measure.estimates import Estimate
 
 
-def above_soil(height: Estimate) -> Estimate:
+def above_soil(height: Estimate, stated: bool = False) -> Estimate:
     """The height above a surface, given that the surface is not below the soil.
 
     The value is the mean of a normal distribution that is cut off at 0. A surface hides the soil
     with the probability `EVEN_COVER_SHARE` before the height is seen; Bayes' rule weighs both
     cases by how common stumps of that height are, and the spread of what may be hidden is added to
-    the standard deviation.
+    the standard deviation. If the height of the cover is stated, nothing else is hidden.
 
     Args:
         height: Height above the surface and its standard deviation, in metres.
+        stated: Whether a stated height of a cover is part of it.
     """
     reach = height.value / height.std
     density = math.exp(-(reach**2) / 2) / math.sqrt(2 * math.pi)
     lift = density / max(math.erfc(-reach / math.sqrt(2)) / 2, 1e-12)
     variance = height.std**2 * max(1 - lift * (reach + lift), 0.0)
     value = height.value + lift * height.std
-    return Estimate(value, math.sqrt(variance + hidden_std_m(value) ** 2))
+    hidden_m = 0.0 if stated else hidden_std_m(value)
+    return Estimate(value, math.sqrt(variance + hidden_m**2))
 
 
 def hidden_std_m(height_m: float) -> float:

@@ -84,9 +84,11 @@ def stump_warning(
     hidden = isinstance(ground, BaseGround) and ground.overgrown
     if hidden and height.interval95[1] > limit_m:
         return (f"plants hide the ground: the stump may be too high, {stump}",)
-    if hidden_std_m(height.value) > max(above_surface.std, height.value / 2):
+    stated = isinstance(ground, BaseGround) and ground.stated_cover.value > 0
+    if not stated and hidden_std_m(height.value) > max(above_surface.std, height.value / 2):
         low = f"the felling cut is only {height.value:.2f} ± {height.std:.2f} m above the surface"
-        return (f"plants or snow with an even top may hide the ground: {low}",)
+        stating = "if so, --ground-cover states their height"
+        return (f"plants or snow with an even top may hide the ground: {low}; {stating}",)
     return ()
 
 

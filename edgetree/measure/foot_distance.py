@@ -65,8 +65,8 @@ class FootDistances(NamedTuple):
         if self.late.std_m > MIN_LATE_STD_M:
             side = "in front of" if self.late.beyond_m > 0 else "behind"
             return (
-                f"the feet of the stems meet the ground {abs(self.late.beyond_m):.2f} m {side} their"
-                " depth: the depth may be of an earlier moment",
+                f"the feet of the stems meet the ground {abs(self.late.beyond_m):.2f} m {side}"
+                " their depth: the depth may be of an earlier moment",
             )
         return ()
 

@@ -43,6 +43,7 @@ _MIN_POINTS = 20
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical. It keeps
 # lengths along a lying stem finite.
 _MIN_COSINE = 0.2
+_NO_COVER = Estimate(0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +54,13 @@ class BaseGround:
         plane: Plane fitted to the depth around the base.
         vertical: The vertical at the stem.
         cover_std_m: Standard deviation of the ground's height because plants may hide it.
+        stated_cover: Height of snow or plants that the settings state.
     """
 
     plane: GroundPlane
     vertical: Vertical
     cover_std_m: float = 0.0
+    stated_cover: Estimate = _NO_COVER
 
     @property
     def up(self) -> Float:
@@ -80,6 +83,11 @@ class BaseGround:
         return LIFT * self.plane.residual_std_m * self.plane.above_fraction
 
     @property
+    def below_plane_m(self) -> float:
+        """How far the ground lies below the plane: `lift_m` and the stated cover."""
+        return self.lift_m + self.stated_cover.value
+
+    @property
     def overgrown(self) -> bool:
         """Whether plants hide a large part of the ground."""
         return self.plane.above_fraction > MIN_PLANTS_SHARE or self.cover_std_m > MIN_COVER_STD_M
@@ -94,8 +102,8 @@ class BaseGround:
     ) -> Estimate | Failure:
         """Height of a point of the axis above the ground on the stem's uphill side.
 
-        The axis is followed to the ground, which lies `lift_m` below the plane. On the uphill side
-        of the stem the ground is higher by the radius times the tangent of its slope.
+        The axis is followed to the ground, which lies `below_plane_m` below the plane. On the
+        uphill side of the stem the ground is higher by the radius times the tangent of its slope.
 
         Args:
             axis_point: (3,) camera point on the axis.
@@ -109,14 +117,15 @@ class BaseGround:
         cosine = float(self.plane.normal @ along)
         if cosine < _MIN_COSINE:
             return Failure("the stem lies along the ground")
-        length = (float(self.plane.height_m(axis_point)) + self.lift_m) / cosine
+        length = (float(self.plane.height_m(axis_point)) + self.below_plane_m) / cosine
         foot = axis_point - length * along
         value = length * float(along @ self.up) - self.uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
         outlier_std_m = OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
         # An error of the vertical changes the slope by as much.
         uphill_std_m = radius_m * self.vertical.tilt_std_rad
-        parts = (plane_std_m, outlier_std_m, self.cover_std_m, uphill_std_m, LITTER_STD_M)
+        cover_std_m = math.hypot(self.cover_std_m, self.stated_cover.std)
+        parts = (plane_std_m, outlier_std_m, cover_std_m, uphill_std_m, LITTER_STD_M)
         return Estimate(value, math.hypot(*parts, axis_std_m))
 
     def axis_length_m(
@@ -131,7 +140,7 @@ class BaseGround:
             height_m: Height above the ground on the uphill side, along the vertical.
         """
         cosine = max(float(self.plane.normal @ along), _MIN_COSINE)
-        foot_m = -(float(self.plane.height_m(axis_point)) + self.lift_m) / cosine
+        foot_m = -(float(self.plane.height_m(axis_point)) + self.below_plane_m) / cosine
         return foot_m + (height_m + self.uphill_m(radius_m)) * self.axis_per_height(along)
 
     def axis_per_height(self, along: Float) -> float:
@@ -153,6 +162,9 @@ class BaseGround:
         )
 
     def _cover_description(self) -> str:
+        if self.stated_cover.value > 0:
+            height_m, std_m = self.stated_cover
+            return f"; below a cover of {height_m:.2f} ± {std_m:.2f} m"
         if self.cover_std_m <= MIN_COVER_STD_M:
             return ""
         return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
@@ -224,6 +236,7 @@ def find_grounds(
     up = verticals.common
     grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(bases.cuts)
     missing = np.arange(len(bases.cuts))
+    stated = Estimate(frame.settings.ground_cover_m, frame.settings.ground_cover_std_m)
     for grid in _GRIDS:
         radius_m, cuts = bases.radii_m[missing], bases.cuts[missing]
         samples = sample_around(frame, cuts, SEARCH_RADIUS_M + radius_m, up, grid)
@@ -233,7 +246,7 @@ def find_grounds(
                 grounds[index] = found
             else:
                 vertical = verticals.at(int(bases.indices[index]), found[0].normal)
-                ground = BaseGround(found[0], vertical, found[1])
+                ground = BaseGround(found[0], vertical, found[1], stated)
                 grounds[index] = _if_trusted(ground, bases, int(index))
         missing = missing[samples.sparse & (samples.usable.sum(1) < _MIN_POINTS)]
         if not len(missing):

@@ -219,7 +219,7 @@ class StemPosition:
                 f"plants hide the ground: the felling cut is {lower_m:.2f} m below the lowest"
                 " surface around the base"
             )
-        soil = above_soil(height)
+        soil = above_soil(height, ground.stated_cover.value > 0)
         if not ground.hidden:
             return soil
         return Failure(

@@ -17,6 +17,8 @@ _DETECTOR_ERRORS = (
     "mask_spread",
 )
 
+_MAY_BE_0 = ("ground_cover_m", "ground_cover_std_m")
+
 
 def reference_px(image_width: int) -> float:
     """Pixels of an image that are as wide as one pixel of an image of 1280 px width."""
@@ -25,7 +27,8 @@ def reference_px(image_width: int) -> float:
 
 @dataclass(frozen=True)
 class MeasureSettings:
-    """Assumptions of `measure_trees`. All numbers are positive.
+    """Assumptions of `measure_trees`. All numbers are positive, and those of the ground's
+    cover may be 0.
 
     "Standard deviation" is a one-sigma error. Fractions are between 0 and 1.
 
@@ -75,11 +78,15 @@ class MeasureSettings:
         max_range_m: Depth readings beyond this are not used, in metres.
         max_diameter_m: Larger diameters are reported as failures, in metres.
         max_slope_deg: Steeper ground is rejected, in degrees.
+        ground_cover_m: Mean height of snow, moss or plants with an even top that hide the ground,
+            in metres, as measured by hand. Heights count from the ground below it.
+        ground_cover_std_m: Standard deviation of this height from stem to stem, in metres.
         species: Species of the function for the volume of whole stems: "pine", "spruce" or
             "birch". None gives no such volume.
 
     Raises:
-        InputError: a number is not positive, or the species is unknown.
+        InputError: a number is not positive, or of the ground's cover negative, or the species is
+            unknown.
     """
 
     keypoint_std_px: float = 1.05
@@ -105,6 +112,8 @@ class MeasureSettings:
     max_range_m: float = 25.0
     max_diameter_m: float = 2.5
     max_slope_deg: float = 45.0
+    ground_cover_m: float = 0.0
+    ground_cover_std_m: float = 0.0
     species: Species | None = None
 
     def __post_init__(self) -> None:
@@ -113,6 +122,8 @@ class MeasureSettings:
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name == "species":
+                continue
+            if field.name in _MAY_BE_0 and math.isfinite(value) and value >= 0:
                 continue
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{field.name} is {value}: expected a positive number")

@@ -10,11 +10,12 @@ from benchmarks.metres.caster import smooth_noise
 from benchmarks.metres.rows.clean import Readings, stand, stem
 from benchmarks.metres.rows.in_front import measured
 from benchmarks.metres.sensors import stereo_noise
-from edgetree.measure import measure_trees
+from benchmarks.metres.stand import Stand
+from edgetree.measure import MeasureSettings, measure_trees
 
 
-def even_cover(rng: np.random.Generator) -> Readings:
-    """Plants or snow 12 to 45 cm high with an even top, on 88 to 100 % of the ground."""
+def _covered(rng: np.random.Generator) -> tuple[Stand, float]:
+    """A stem in plants or snow with an even top, and their height."""
     cover_m = rng.uniform(0.12, 0.45)
     cut_m = cover_m * rng.choice([0.4, 0.7, 1.1]) + rng.uniform(0.02, 0.2)
     top_m = cover_m + smooth_noise(rng, 256, rng.uniform(0.004, 0.02))
@@ -27,7 +28,21 @@ def even_cover(rng: np.random.Generator) -> Readings:
         plant_cell_m=rng.uniform(0.02, 0.08),
     )
     frame.depth_m = stereo_noise(frame.depth_m, rng)
+    return frame, float(cover_m)
+
+
+def even_cover(rng: np.random.Generator) -> Readings:
+    """Plants or snow 12 to 45 cm high with an even top, on 88 to 100 % of the ground."""
+    frame, _ = _covered(rng)
     return measured(frame, rng, frame.masks())
+
+
+def stated_cover(rng: np.random.Generator) -> Readings:
+    """The same with its height stated, as a person measures it."""
+    frame, cover_m = _covered(rng)
+    stated_m = max(cover_m + rng.normal(0, 0.04), 0.02)
+    settings = MeasureSettings(ground_cover_m=stated_m, ground_cover_std_m=0.05)
+    return frame.readings(frame.detections(rng), settings=settings)
 
 
 def no_vertical(rng: np.random.Generator) -> Readings:
@@ -68,4 +83,9 @@ def rig_off(rng: np.random.Generator) -> Readings:
     return [(tree, frame.truth(n)) for n, tree in zip(frame.measured, found, strict=True)]
 
 
-ROWS = {"even-cover": even_cover, "no-vertical": no_vertical, "rig-off": rig_off}
+ROWS = {
+    "even-cover": even_cover,
+    "stated-cover": stated_cover,
+    "no-vertical": no_vertical,
+    "rig-off": rig_off,
+}

@@ -141,11 +141,12 @@ of the points that stand above the ground is added, as plants hide feet.
 Source: chosen on simulated frames, some 1 in 20 of a network's masks."""
 
 GOES_ON_SHARE: Final = 0.8
-"""A stem goes on below its mask if this share of the readings there is as far away as its bark, and
-fewer of those beside it are by `GOES_ON_MARGIN`. Source: chosen on simulated frames."""
+"""A stem goes on below its mask if this share of the readings there is as far away as its bark.
+Source: chosen on simulated frames."""
 
 GOES_ON_MARGIN: Final = 0.3
-"""See there. Source: chosen on simulated frames."""
+"""The same share beside the stem has to be smaller by this, as plants go on there.
+Source: chosen on simulated frames."""
 
 MIN_BELOW_FOOT_SHARE: Final = 0.3
 """The ground below a foot is seen if this share of the places there has a reading.

@@ -136,11 +136,14 @@ def test_the_camera_options_are_passed_to_the_measurement(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     options = ("--up", "0,-1,0", "--mounting", "mounting.json", "--stump-height", 0.2)
+    options += ("--ground-cover", "0.3,0.05")
     done = run_cli(*IMAGE, "--model", model, *options)
     assert done.code == 0, done.err
     assert asked["up_camera"] == (0, -1, 0)
     np.testing.assert_allclose(asked["mounting"].translation_m, (1.0, 0.0, 2.5))
     assert asked["settings"].max_stump_height_m == 0.2
+    assert asked["settings"].ground_cover_m == 0.3
+    assert asked["settings"].ground_cover_std_m == 0.05
     assert asked["camera"] == calib.load_camera("camera.json")
 
 
@@ -272,6 +275,10 @@ BAD_INPUTS = {
     "a stump of no height": (
         "images/a.jpg --depth depth/a.png --camera camera.json --stump-height 0",
         "--stump-height is 0.0: expected metres above 0",
+    ),
+    "a cover without a deviation": (
+        "images/a.jpg --depth depth/a.png --camera camera.json --ground-cover 0.3",
+        "--ground-cover is '0.3': expected a height and its standard deviation in metres",
     ),
     "a picture over the mask": (
         "images/a.jpg --depth depth/a.png --camera camera.json --mask mask.png --out mask.png",

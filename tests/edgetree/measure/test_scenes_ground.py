@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from calib import PinholeCamera
-from edgetree.measure import Failure
+from edgetree.measure import Failure, MeasureSettings
 from edgetree.measure.estimates import Estimate
 from edgetree.measure.even_cover import above_soil, hidden_std_m
 
@@ -71,6 +72,37 @@ def test_even_plants_give_no_height_below_zero_and_few_sure_wrong_ones(stand):
         silent += abs(height.value - true_m) > 3 * height.std and not warned
     assert given > 4
     assert silent <= 1
+
+
+def test_heights_count_from_the_ground_below_a_stated_cover(scene, pole, grass):
+    stated = MeasureSettings(ground_cover_m=0.3, ground_cover_std_m=0.04)
+    for seed in range(1040, 1046):
+        there = scene(
+            pole(0.3, 0.0, 4.5, cut_m=0.4, section_m=0.55),
+            camera=CAMERA,
+            camera_height_m=2.2,
+            pitch_deg=18.0,
+            grass=grass(0.3, 1.0, 0.1, 0.94, seed),
+        )
+        [mask] = there.masks()
+        trees, depth_m = there.detections([mask]), there.noisy_depth_m(seed)
+        blind, told = (
+            there.measure(trees, depth_m, masks=[mask], settings=settings)
+            for settings in (None, stated)
+        )
+        true_m = there.cut_height_m(there.poles[0])
+        assert told.cut_height_m.value == pytest.approx(true_m, abs=0.08)
+        low_m, high_m = told.cut_height_m.interval95
+        assert low_m < true_m < high_m
+        assert not blind.cut_height_m or blind.cut_height_m.value < true_m - 0.2
+        assert "below a cover of 0.30 ± 0.04 m" in told.evidence.ground
+        assert not any("even top" in text for text in told.evidence.warnings)
+
+
+@pytest.mark.parametrize("name", ["ground_cover_m", "ground_cover_std_m"])
+def test_a_cover_below_zero_is_refused(name):
+    with pytest.raises(InputError, match=f"{name} is -0.1: expected"):
+        MeasureSettings(**{name: -0.1})
 
 
 def test_heights_on_bare_ground_stay(stand):
