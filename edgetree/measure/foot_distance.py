@@ -144,7 +144,7 @@ def foot_distances(
     # Nothing that hides a foot moves it in front of the depth.
     in_front = known & bases.foot_within & np.isnan(below_m) & (beyond_m > 0)
     telling = seen | goes_on | in_front
-    beside = 2 * np.count_nonzero(outline.depth_shift_px) >= len(feet)
+    beside = bool(2 * np.count_nonzero(outline.depth_shift_px) >= len(feet))
     other = np.minimum(OTHER_FOOT_SHARE + above, _MAX_OTHER)
     late = late_depth(beyond_m[telling], total_m[telling], other[telling], beside)
     # What the difference shows beyond its standard deviation, as in Birge's ratio.
