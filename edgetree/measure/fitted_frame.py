@@ -89,8 +89,8 @@ class FittedFrame:
             return "no depth on the stem"
         if not self.observed.plausible_depth[index]:
             return (
-                "no depth on the stem: what has depth within its outline is a small part that may"
-                " be a branch or another thing in front"
+                "no depth on the stem: what has depth within its outline may be a branch, netting"
+                " or another thing in front"
             )
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"

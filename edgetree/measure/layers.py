@@ -12,6 +12,7 @@ from edgetree.measure.constants.depth import (
     FILLED_SHARE,
     MIN_OWN_SHARE,
     MIN_OWN_STATIONS,
+    SEEN_THROUGH_SHARE,
     SURFACE_M,
     SURFACE_STDS,
 )
@@ -82,7 +83,8 @@ def own_readings(
     The readings that do not go on beside the stem give a line of inverse depth along it. Others
     that are nearer than this line are left out. Where there are too few, all stay: a stem in a
     thicket is as far away as what is beside it. Then they have to fill the outline, because a
-    branch or a twig does not.
+    branch or a twig does not, and nothing may show behind them, because nothing is seen through a
+    stem.
 
     Args:
         frame: Depth, camera and settings.
@@ -102,7 +104,20 @@ def own_readings(
     nearer = goes_on & (depth_m < front_m - within_m)
     fills = (depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places
     left_out = enough[:, None, None] & nearer
-    return OwnReadings(np.where(left_out, 0.0, depth_m), enough | fills, ~enough & fills)
+    through = _seen_through(frame, depth_m, own, goes_on, half_px) >= SEEN_THROUGH_SHARE * places
+    plausible = enough | (fills & ~through)
+    return OwnReadings(np.where(left_out, 0.0, depth_m), plausible, ~enough & fills)
+
+
+def _seen_through(
+    frame: DepthFrame, depth_m: Float, own: Bool, goes_on: Bool, half_px: Float
+) -> Float:
+    """(T,) how many of the stems' own readings lie behind those that go on beside them."""
+    count = len(depth_m)
+    near_m = masked_medians(depth_m.reshape(count, -1), goes_on.reshape(count, -1))
+    near_m = np.where(near_m > 0, near_m, np.inf)[:, None, None]
+    behind_m = half_px * near_m / frame.camera.fx + _noise_m(frame, near_m)
+    return np.asarray((own & (depth_m > near_m + behind_m)).sum((1, 2)))
 
 
 def _front_m(regions: SearchRegions, depth_m: Float, own: Bool) -> Float:

@@ -48,6 +48,10 @@ FILLED_SHARE: Final = 0.5
 """Readings that all go on beside the stem are those of a stem in a thicket if they fill this share
 of its places. Source: chosen by hand, branches and twigs cover less."""
 
+SEEN_THROUGH_SHARE: Final = 0.05
+"""Such readings are not a stem's if this share of its places shows something behind them.
+Source: chosen, as few readings make no depth of a stem."""
+
 SEVERAL_STEMS_SCORE: Final = 0.4
 """A mask shows several stems from this score on; it is 0 for one round stem and 1 for two equal
 ones side by side. Source: chosen by hand."""

@@ -27,6 +27,18 @@ def test_a_branch_across_a_stem_without_depth_gives_no_distance(scene, pole, see
     assert "branch" in tree.axis_distance_m.reason
 
 
+@pytest.mark.parametrize("seed", range(1060, 1070))
+def test_dense_bars_that_show_the_stem_behind_are_not_the_stem(scene, pole, seed):
+    rng, stem, stand, depth_m = stem_and_depth(scene, pole, seed)
+    bars = (np.mgrid[:360, :640][0] % 10) < 9
+    net_m = stem.ahead_m - rng.uniform(1.5, 2.5)
+    depth_m[bars & ((depth_m > net_m) | (depth_m == 0))] = net_m
+    distance = stand.measure(depth_m=depth_m, settings=None).axis_distance_m
+    true_m = np.hypot(stem.right_m, stem.ahead_m)
+    assert not distance or abs(distance.value - true_m) < 3 * distance.std
+    assert distance or "netting" in distance.reason
+
+
 @pytest.mark.parametrize("seed", range(1010, 1020))
 def test_netting_in_front_of_a_stem_does_not_move_it(scene, pole, seed):
     rng, stem, stand, depth_m = stem_and_depth(scene, pole, seed)
