@@ -187,22 +187,25 @@ _LABELME = (
     b' {"label": "felling_cut", "shape_type": "point", "points": [[2, 3]], "flags": {}}],'
     b' "imagePath": "a.png", "imageHeight": 4, "imageWidth": 8}'
 )
-_CVAT = (
-    b'<annotations><image name="a.png" width="8" height="4"><mask label="tree" rle="0, 4" left="1"'
-    b' top="1" width="2" height="2" group_id="1"/><skeleton label="tree" group_id="1"><points'
-    b' label="felling_cut" points="2,2"/></skeleton><box label="tree" xtl="4" ytl="0" xbr="6"'
-    b' ybr="3"/><polygon label="tree" points="1,0;3,0;3,4"/></image></annotations>'
+_CVAT = tuple(
+    b'<annotations><image name="a.png" width="8" height="4">' + shapes + b"</image></annotations>"
+    for shapes in (
+        b'<mask label="tree" rle="0, 4" left="1" top="1" width="2" height="2" group_id="1"/>'
+        b'<skeleton label="tree" group_id="1"><points label="felling_cut" points="2,2"/></skeleton>'
+        b'<polygon label="tree" points="1,0;3,0;3,4"/>',
+        b'<box label="tree" xtl="4" ytl="0" xbr="6" ybr="3"/>',
+    )
 )
-_TASKS = (
-    b'[{"id": 1, "data": {"image": "a.png"}, "annotations": [{"result": ['
-    b'{"id": "r", "type": "rectanglelabels", "original_width": 8, "original_height": 4, "value":'
-    b' {"x": 10, "y": 10, "width": 40, "height": 80, "rotation": 0, "rectanglelabels": ["tree"]}},'
-    b'{"id": "b", "type": "brushlabels", "original_width": 8, "original_height": 4, "value":'
-    b' {"rle": [0, 0, 0, 128, 59, 51, 52, 255, 254], "brushlabels": ["tree"]}},'
-    b'{"id": "p", "type": "polygonlabels", "original_width": 8, "original_height": 4, "value":'
-    b' {"points": [[10, 10], [50, 10], [50, 90]], "polygonlabels": ["tree"]}},'
-    b'{"id": "k", "type": "keypointlabels", "original_width": 8, "original_height": 4, "value":'
-    b' {"x": 20, "y": 50, "keypointlabels": ["felling_cut"]}}]}]}]'
+_TASKS = tuple(
+    b'[{"id": 1, "data": {"image": "a.png"}, "annotations": [{"result": [' + results + b"]}]}]"
+    for results in (
+        b'{"id": "r", "type": "rectanglelabels", "original_width": 8, "original_height": 4, "value":'
+        b' {"x": 10, "y": 10, "width": 40, "height": 80, "rectanglelabels": ["tree"]}}',
+        b'{"id": "b", "type": "brushlabels", "original_width": 8, "original_height": 4, "value":'
+        b' {"rle": [0, 0, 0, 128, 59, 51, 52, 255, 254], "brushlabels": ["tree"]}},'
+        b'{"id": "k", "type": "keypointlabels", "original_width": 8, "original_height": 4, "value":'
+        b' {"x": 20, "y": 50, "keypointlabels": ["felling_cut"]}}',
+    )
 )
 
 _PICTURES = tuple(
@@ -221,8 +224,8 @@ FORMATS = {
     "yolo.txt": Format((_YOLO_LINES, _OUTLINES), _converted("labels/a.txt")),
     "classes.txt": Format((_CLASSES,), _converted("classes.txt")),
     "labelme.json": Format((_LABELME,), _converted("a.json")),
-    "cvat.xml": Format((_CVAT,), _converted("a.xml")),
-    "tasks.json": Format((_TASKS,), _converted("a.json")),
+    "cvat.xml": Format(_CVAT, _converted("a.xml")),
+    "tasks.json": Format(_TASKS, _converted("a.json")),
     "any.json": Format(_LABELS, lambda path: (is_coco(path), has_keypoints(path))),
     "settings": Format((_SETTINGS,), lambda path: read_settings(path, SimulatorSettings())),
     "credits": Format((_CREDITS,), dataset_credits),
