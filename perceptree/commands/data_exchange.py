@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.program.console import note, print_json, progress, tell
-from perceptree.commands.options import CrowdsAsTrees, Json
+from perceptree.commands.options import CrowdsAsTrees, Json, SkipBroken
 from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def split(
     ] = "likeness",
     seed: Annotated[int, typer.Option(help="Seed of the random choice.")] = 1,
     crowds_as_trees: CrowdsAsTrees = False,
+    skip_broken: SkipBroken = False,
     as_json: Json = False,
 ) -> None:
     """Divide labelled pictures into train, val and test.
@@ -55,7 +56,7 @@ def split(
     """
     from perceptree.data.dividing import divide
 
-    datasets = _read(source, out, "coco", crowds_as_trees)
+    datasets = _read(source, out, "coco", crowds_as_trees, skip_broken)
     frames = [frame for _, dataset in datasets for frame in dataset.frames]
     if len(datasets) > 1:
         named = ", ".join(str(split) for split, _ in datasets)
@@ -98,13 +99,14 @@ def convert(
     out: _Out,
     form: _Form = "coco",
     crowds_as_trees: CrowdsAsTrees = False,
+    skip_broken: SkipBroken = False,
     as_json: Json = False,
 ) -> None:
     """Convert labels between COCO, YOLO and labelme, and from CVAT and Label Studio.
 
     Example: perceptree data convert trees --to yolo-seg --out trees-yolo
     """
-    datasets = _read(source, out, form, crowds_as_trees)
+    datasets = _read(source, out, form, crowds_as_trees, skip_broken)
     splits: dict[str | None, list[FrameRecord]] = {}
     for split, dataset in datasets:
         splits.setdefault(split, []).extend(dataset.frames)
@@ -112,15 +114,24 @@ def convert(
 
 
 def _read(
-    source: Path, out: Path, form: str, crowds_as_trees: bool
+    source: Path, out: Path, form: str, crowds_as_trees: bool, skip_broken: bool
 ) -> list[tuple[str | None, Dataset]]:
+    from perceptree.data.entries import EntryError
     from perceptree.data.exchange.reading import read_any
     from perceptree.data.exchange.writing import check_output
 
     check_output(out, form, source)
-    datasets = read_any(source, crowds_as_trees)
+    broken: list[EntryError] = []
+    try:
+        datasets = read_any(source, crowds_as_trees, broken.append if skip_broken else None)
+    except DatasetError as error:
+        if isinstance(error.__cause__, EntryError):
+            raise DatasetError(f"{error}; --skip-broken leaves broken entries out") from error
+        raise
     for _, dataset in datasets:
         _tell_notes(dataset)
+    if broken:
+        note(f"left out {len(broken)} broken entries, the first: {broken[0]}")
     return datasets
 
 

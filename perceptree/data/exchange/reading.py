@@ -13,6 +13,7 @@ from perceptree.data.exchange.label_studio import label_studio_files, read_label
 from perceptree.data.exchange.labelme import labelme_files, read_labelme
 from perceptree.data.exchange.yolo import SETTINGS_NAMES, is_yolo, read_yolo
 from perceptree.data.layouts import LabelFile, find_splits, label_files
+from perceptree.data.parsing import OnError
 from perceptree.errors import DatasetError
 
 Content = tuple[str | None, Path, dict[str, Any], list[str]]
@@ -22,12 +23,15 @@ NO_SPLIT = "test"
 """The split of labels that name none, as in `perceptree.data.layouts`."""
 
 
-def read_any(source: Path, crowds_as_trees: bool = False) -> list[tuple[str | None, Dataset]]:
+def read_any(
+    source: Path, crowds_as_trees: bool = False, on_error: OnError | None = None
+) -> list[tuple[str | None, Dataset]]:
     """Read the labels of a folder or file in COCO's form or that of a labelling tool.
 
     Args:
         source: The folder or file.
         crowds_as_trees: As for `perceptree.data.dataset.read_dataset`.
+        on_error: As for `perceptree.data.dataset.read_dataset`.
 
     Returns:
         The datasets with their splits; None for labels that name no split.
@@ -43,20 +47,22 @@ def read_any(source: Path, crowds_as_trees: bool = False) -> list[tuple[str | No
     found = _reader(source)
     if found is None:
         files = find_splits(source)
-        return [_read_coco(labels, crowds_as_trees) for labels in files]
+        return [_read_coco(labels, crowds_as_trees, on_error) for labels in files]
     root = source if source.is_dir() else source.parent
     datasets: list[tuple[str | None, Dataset]] = []
     for split, path, content, notes in found(source):
         labels = LabelFile(split or NO_SPLIT, None, False, path, root)
-        dataset = parse_content(content, labels, crowds_as_trees=crowds_as_trees)
+        dataset = parse_content(content, labels, on_error, crowds_as_trees=crowds_as_trees)
         datasets.append((split, replace(dataset, notes=(*notes, *dataset.notes))))
     if not datasets:
         raise DatasetError(f"{source}: holds no labelled picture, expected at least one")
     return datasets
 
 
-def _read_coco(labels: LabelFile, crowds_as_trees: bool) -> tuple[str | None, Dataset]:
-    dataset = read_labels(labels, crowds_as_trees=crowds_as_trees)
+def _read_coco(
+    labels: LabelFile, crowds_as_trees: bool, on_error: OnError | None
+) -> tuple[str | None, Dataset]:
+    dataset = read_labels(labels, on_error, crowds_as_trees=crowds_as_trees)
     if labels.names_split:
         return labels.split, dataset
     without_last = dataset.notes[:-1]  # the last one says that the file counts as test

@@ -199,12 +199,12 @@ _CVAT = tuple(
 _TASKS = tuple(
     b'[{"id": 1, "data": {"image": "a.png"}, "annotations": [{"result": [' + results + b"]}]}]"
     for results in (
-        b'{"id": "r", "type": "rectanglelabels", "original_width": 8, "original_height": 4, "value":'
-        b' {"x": 10, "y": 10, "width": 40, "height": 80, "rectanglelabels": ["tree"]}}',
-        b'{"id": "b", "type": "brushlabels", "original_width": 8, "original_height": 4, "value":'
-        b' {"rle": [0, 0, 0, 128, 59, 51, 52, 255, 254], "brushlabels": ["tree"]}},'
-        b'{"id": "k", "type": "keypointlabels", "original_width": 8, "original_height": 4, "value":'
-        b' {"x": 20, "y": 50, "keypointlabels": ["felling_cut"]}}',
+        b'{"id": "r", "type": "rectanglelabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"x": 10, "y": 10, "width": 40, "height": 80, "rectanglelabels": ["tree"]}}',
+        b'{"id": "b", "type": "brushlabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"rle": [0, 0, 0, 128, 59, 51, 52, 255, 254], "brushlabels": ["tree"]}},'
+        b'{"id": "k", "type": "keypointlabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"x": 20, "y": 50, "keypointlabels": ["felling_cut"]}}',
     )
 )
 

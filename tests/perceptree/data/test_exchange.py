@@ -299,6 +299,18 @@ def test_broken_labels_are_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_broken_entry_is_left_out_on_request(tmp_path: Path, call: Call) -> None:
+    folder = tmp_path / "cvat"
+    polygon = '<polygon label="tree" points="10,20;30,20;30,50;10,50"/>'
+    cvat_file(folder / "a.xml", polygon + '<box label="tree" xtl="4" ytl="0" xbr="9" ybr="9"/>')
+    command = ("data", "convert", folder, "--out", tmp_path / "out")
+    code, _, errors = call(*command)
+    assert (code, "--skip-broken" in errors) == (2, True)
+    code, _, errors = call(*command, "--skip-broken")
+    assert (code, "left out 1 broken entries" in errors) == (0, True)
+    check_tree(only_frame(tmp_path / "out"), keypoints=False)
+
+
 def test_a_folder_that_holds_something_is_not_written_to(
     write_dataset: Callable[..., Path], call: Call, tmp_path: Path
 ) -> None:
