@@ -24,12 +24,14 @@ from edgetree.commands.measure import measure
 from edgetree.commands.merge import merge
 from edgetree.commands.models import models
 from edgetree.commands.run import run
+from edgetree.commands.samples import samples
 from edgetree.commands.sign import sign
 from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
 
 app = new_app("Find trees in camera frames and measure them in metres.", "edgetree")
 app.command()(demo)
+app.command()(samples)
 app.command()(run)
 app.command()(measure)
 app.command()(merge)

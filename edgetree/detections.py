@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from basetree.errors import InputError
+from basetree.errors import InputError, MissingPackage
 from calib import paste_mask
+
+if TYPE_CHECKING:
+    import supervision
 
 KEYPOINT_NAMES: Final = (
     "felling_cut",
@@ -121,6 +124,13 @@ class TreeDetections:
     def __len__(self) -> int:
         return len(self.scores)
 
+    def __repr__(self) -> str:
+        span = f", scores {self.scores.min():.2f} to {self.scores.max():.2f}" if len(self) else ""
+        parts = ("keypoints", self.keypoints_px), ("masks", self.masks)
+        held = " and ".join(name for name, array in parts if array is not None)
+        size = f"{self.image_width}x{self.image_height} px"
+        return f"<TreeDetections: {len(self)} trees in {size}{span}, with {held or 'boxes alone'}>"
+
     def select(self, index: _Index) -> TreeDetections:
         """The trees selected by a slice, a (N,) bool array or an array of indices."""
         return replace(
@@ -148,4 +158,64 @@ class TreeDetections:
             raise InputError("these detections have no masks: the model has no mask output")
         return paste_mask(
             self.masks[index], self.boxes_px[index], self.image_width, self.image_height
+        )
+
+    def to_rows(self) -> list[dict[str, int | float]]:
+        """One dict of plain numbers for each tree, for a table (`pandas.DataFrame(rows)`).
+
+        Returns:
+            The number of the tree from 1, `score`, `box_x0_px` to `box_y1_px`, and for each
+            keypoint `NAME_x_px`, `NAME_y_px` and `NAME_score`.
+        """
+        rows: list[dict[str, int | float]] = []
+        for index in range(len(self)):
+            row: dict[str, int | float] = {"tree": index + 1, "score": float(self.scores[index])}
+            for name, value in zip(("x0", "y0", "x1", "y1"), self.boxes_px[index], strict=True):
+                row[f"box_{name}_px"] = float(value)
+            points = () if self.keypoints_px is None else self.keypoints_px[index].tolist()
+            for name, (x, y, score) in zip(KEYPOINT_NAMES, points, strict=False):
+                row |= {f"{name}_x_px": x, f"{name}_y_px": y, f"{name}_score": score}
+            rows.append(row)
+        return rows
+
+    def plot(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Draw the trees on a copy of their picture.
+
+        Args:
+            picture: (image_height, image_width, 3) uint8 BGR.
+
+        Returns:
+            (image_height, image_width, 3) uint8 BGR.
+
+        Raises:
+            InputError: The picture has another size.
+        """
+        from edgetree.drawing import draw_trees
+
+        expected = (self.image_height, self.image_width, 3)
+        if np.shape(picture) != expected:
+            raise InputError(f"picture has shape {np.shape(picture)}: expected {expected}")
+        return draw_trees(picture, self)
+
+    def to_supervision(self) -> supervision.Detections:
+        """Hand the trees over to the package supervision, with boxes, masks, scores and names.
+
+        Raises:
+            MissingPackage: supervision is not installed.
+        """
+        try:
+            import supervision
+        except ImportError as error:
+            raise MissingPackage(
+                "supervision is not installed: expected it for to_supervision"
+                " (pip install supervision)"
+            ) from error
+        masks = None if self.masks is None else [self.mask(index) for index in range(len(self))]
+        empty = np.zeros((0, self.image_height, self.image_width), np.bool_)
+        return supervision.Detections(
+            xyxy=self.boxes_px.copy(),
+            confidence=self.scores.copy(),
+            class_id=np.zeros(len(self), np.int64),
+            mask=None if masks is None else np.array(masks or empty, np.bool_),
+            data={"class_name": np.full(len(self), "tree")},
         )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.detections import TreeDetections
 from edgetree.drawing.label_placement import Rect, place_label
 from edgetree.drawing.primitives import (
     DARK,
@@ -45,6 +44,32 @@ _MIN_TICK_GAP_PX, _TICK_SHARE = 5.0, 0.25
 _PICTURE_WEIGHT, _MASK_WEIGHT = 0.68, 0.32
 
 
+class DrawnTrees(Protocol):
+    """What is drawn of `edgetree.detections.TreeDetections`, which draws itself by this module."""
+
+    @property
+    def boxes_px(self) -> NDArray[np.float32]:
+        """(N, 4) x0, y0, x1, y1."""
+
+    @property
+    def scores(self) -> NDArray[np.float32]:
+        """(N,) scores."""
+
+    @property
+    def keypoints_px(self) -> NDArray[np.float32] | None:
+        """(N, 5, 3) x, y, score."""
+
+    @property
+    def masks(self) -> NDArray[np.float32] | None:
+        """Not None if the trees have masks."""
+
+    def mask(self, index: int) -> NDArray[np.bool_]:
+        """(H, W) mask of a tree."""
+
+    def __len__(self) -> int:
+        """Number of trees."""
+
+
 class CutMark(NamedTuple):
     """A measured felling cut: its position in pixels, and the text next to it."""
 
@@ -54,7 +79,7 @@ class CutMark(NamedTuple):
 
 def draw_trees(
     picture: Picture,
-    trees: TreeDetections,
+    trees: DrawnTrees,
     labels: Sequence[Sequence[str]] | None = None,
     *,
     masks: Sequence[NDArray[np.bool_]] | None = None,
@@ -208,7 +233,7 @@ def _draw_cut(canvas: Picture, mark: CutMark, scale: float) -> Rect:
 
 def _draw_labels(
     canvas: Picture,
-    trees: TreeDetections,
+    trees: DrawnTrees,
     texts: Sequence[Sequence[str]],
     inks: Sequence[Colour],
     taken: list[Rect],
@@ -260,7 +285,7 @@ def _draw_leader(canvas: Picture, box_px: NDArray[np.float32], rect: Rect, colou
 
 
 def _place(
-    trees: TreeDetections,
+    trees: DrawnTrees,
     index: int,
     size_px: tuple[int, int],
     taken: list[Rect],

@@ -1,4 +1,4 @@
-"""`perceptree data`: inspect datasets before training."""
+"""`perceptree data`: check, show, divide, join and convert datasets before training."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ import typer
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
 from basetree.program.console import note, print_found, print_json, progress, tell
+from perceptree.commands.data_exchange import convert, merge, split
 from perceptree.commands.options import CrowdsAsTrees, EntireTree, Fold, Json, check_split
 
 if TYPE_CHECKING:
     from perceptree.data.check import Report
 
-app = new_app("Inspect datasets before training.")
+app = new_app("Check, show, divide, join and convert datasets before training.")
+app.command()(split)
+app.command()(merge)
+app.command()(convert)
 
 
 @app.callback(invoke_without_command=True)
@@ -51,14 +55,14 @@ def check(
 
 
 def _report_lines(report: Report) -> Iterator[str]:
-    for split in report.splits:
-        kinds = ("masks", split.has_masks), ("keypoints", split.has_keypoints)
-        held = [name for name, there in (*kinds, ("depth", split.has_depth)) if there]
+    for part in report.splits:
+        kinds = ("masks", part.has_masks), ("keypoints", part.has_keypoints)
+        held = [name for name, there in (*kinds, ("depth", part.has_depth)) if there]
         yield (
-            f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
+            f"{part.split:5} {part.labels}: {part.frames} frames, {part.trees} trees,"
             f" with {', '.join(held) or 'boxes only'}"
         )
-        yield from (f"      {line}" for line in split.notes)
+        yield from (f"      {line}" for line in part.notes)
     yield from map(str, report.findings)
     if not report.findings:
         yield f"nothing found; splits compared by {report.compared_by}"

@@ -9,7 +9,7 @@ import typer
 
 from basetree.program.options import option_of
 from perceptree.errors import CheckpointError, DatasetError
-from perceptree.settings.training import DataSource
+from perceptree.settings.training import DataSource, Engine
 
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Checkpoint: TypeAlias = Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")]
@@ -18,6 +18,7 @@ Split: TypeAlias = Annotated[str, typer.Option(help="train, val or test.")]
 Fold: TypeAlias = Annotated[int | None, option_of(DataSource, "fold")]
 EntireTree: TypeAlias = Annotated[bool, option_of(DataSource, "entire_tree")]
 CrowdsAsTrees: TypeAlias = Annotated[bool, option_of(DataSource, "crowds_as_trees")]
+SkipBroken: TypeAlias = Annotated[bool, option_of(Engine, "skip_broken")]
 Side: TypeAlias = Annotated[
     int | None, typer.Option(help="Size of the input in px; by default the model's.")
 ]

@@ -28,15 +28,15 @@ def load(path: Path) -> Any:
 
 def is_coco(path: Path) -> bool:
     """Whether a file names the lists images, annotations and categories, as COCO does."""
-    return _holds(path, _LISTS)
+    return holds(path, _LISTS)
 
 
 def has_keypoints(path: Path) -> bool:
     """Whether a file names keypoints anywhere."""
-    return _holds(path, (_KEYPOINTS,))
+    return holds(path, (_KEYPOINTS,))
 
 
-def _holds(path: Path, names: tuple[str, ...]) -> bool:
+def holds(path: Path, names: tuple[str, ...]) -> bool:
     """Whether all names stand in a file as JSON texts; takes no memory for a file in UTF-8."""
     texts = [f'"{name}"' for name in names]
     try:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from perceptree.data.coco import FrameRecord
 from perceptree.data.content import load
@@ -96,14 +97,43 @@ def read_labels(
             distance that `certain_m` needs.
         SettingsError: If `certain_m` is not over 0.
     """
-    try:
-        # A large file creates millions of objects: garbage collection would double the time.
-        with _no_garbage_collection():
+    # A large file creates millions of objects: garbage collection would double the time.
+    with _no_garbage_collection():
+        try:
             content = load(labels.path)
-            pictures = Pictures(labels, rows(content, "images"))
-            parser = Parser(pictures, on_error, crowds_as_trees)
-            parsed = parser.parse(content, labels.keypoints)
-            frames = parsed.frames if certain_m is None else graded(parsed.frames, certain_m)
+        except DatasetError as error:
+            raise DatasetError(f"{labels.path}: {error}") from error
+        dataset = parse_content(content, labels, on_error, certain_m, crowds_as_trees)
+    if labels.names_split:
+        return dataset
+    taken = f"{labels.path.name} names no split: taken as {labels.split}"
+    return replace(dataset, notes=(*dataset.notes, taken))
+
+
+def parse_content(
+    content: Any,
+    labels: LabelFile,
+    on_error: OnError | None = None,
+    certain_m: float | None = None,
+    crowds_as_trees: bool = False,
+) -> Dataset:
+    """Convert the content of a COCO file to a split; empties `content`.
+
+    Args:
+        content: The content.
+        labels: The file that it comes from; pictures are looked for around it.
+        on_error: As for `read_dataset`.
+        certain_m: As for `read_dataset`.
+        crowds_as_trees: As for `read_dataset`.
+
+    Raises:
+        DatasetError: As `read_labels`.
+        SettingsError: As `read_labels`.
+    """
+    try:
+        pictures = Pictures(labels, rows(content, "images"))
+        parsed = Parser(pictures, on_error, crowds_as_trees).parse(content, labels.keypoints)
+        frames = parsed.frames if certain_m is None else graded(parsed.frames, certain_m)
     except DatasetError as error:
         raise DatasetError(f"{labels.path}: {error}") from error
     has_keypoints = any(
@@ -111,8 +141,6 @@ def read_labels(
     )
     without_depth = sum(frame.depth8_path is None for frame in frames)
     notes = parsed.notes + pictures.notes + ignored_note(frames, certain_m)
-    if not labels.names_split:
-        notes += (f"{labels.path.name} names no split: taken as {labels.split}",)
     if not has_keypoints:
         notes += ("no tree has a labelled keypoint",)
     if without_depth:

@@ -61,8 +61,8 @@ _MAX_LISTED = 8
 _PATTERNS = ("*.json", "*/*.json", "fold*/annotations/*.json")
 _MOST_FILES = 20_000  # that are looked into
 _HOW_TO_SPLIT = (
-    "; a file that names no split counts as test: expected one label file for each split, such as"
-    " train.json and val.json, of different places"
+    "; a file that names no split counts as test: perceptree data split divides it into train, val"
+    " and test"
 )
 
 
@@ -219,6 +219,14 @@ def _nearest(files: list[LabelFile]) -> list[LabelFile]:
     return [file for file in files if distance(file) == least]
 
 
+def is_undivided(source: Path) -> bool:
+    """Whether a dataset's folder, or a label file, names no split at all."""
+    if source.is_file():
+        return not _explicit_file(source, None).names_split
+    files = label_files(source)
+    return bool(files) and not any(file.names_split for file in files)
+
+
 def find_splits(
     directory: Path, fold: int | None = None, entire_tree: bool = False
 ) -> list[LabelFile]:
@@ -260,7 +268,8 @@ def _others(directory: Path) -> str:
     """Name the JSON files of a folder without label files."""
     found = sorted(path for pattern in _PATTERNS for path in directory.glob(pattern))
     named = f"; no COCO labels (images, annotations, categories) in {_listed(directory, found)}"
-    return named if found else ""
+    other = "; perceptree data convert reads YOLO, labelme, and exports of CVAT and Label Studio"
+    return (named if found else "") + other
 
 
 def _listed(directory: Path, paths: list[Path]) -> str:

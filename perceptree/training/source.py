@@ -9,8 +9,10 @@ from typing import Any
 
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
+from perceptree.data.dividing import DEFAULT_SHARES, divide
 from perceptree.data.entries import EntryError
 from perceptree.data.grading import ignored_note
+from perceptree.data.layouts import is_undivided
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.settings.training import DataSource, Engine
@@ -117,7 +119,10 @@ def open_data(
 
 def _labelled(source: DataSource, split: str, preparing: Preparing, engine: Engine) -> Dataset:
     """Read the labels of a split; it must have a labelled tree that counts."""
-    dataset, broken = _read(source, split, engine.skip_broken)
+    divided = source.fold is None and is_undivided(source.directory)
+    dataset, broken = _read(source, "test" if divided else split, engine.skip_broken)
+    if divided:
+        dataset = _part(dataset, split)
     trees = [tree for frame in dataset.frames for tree in frame.trees]
     if not trees:
         raise DatasetError(
@@ -136,6 +141,21 @@ def _labelled(source: DataSource, split: str, preparing: Preparing, engine: Engi
         first = "; ".join(map(str, broken[:_NAMES_SHOWN]))
         preparing.say(f"{dataset.labels.path}: left out {len(broken)} broken entries: {first}")
     return dataset
+
+
+def _part(dataset: Dataset, split: str) -> Dataset:
+    """The train or val part of a dataset whose label file names no split."""
+    parts = divide(dataset.frames, {"val": DEFAULT_SHARES["val"]})
+    count, name = len(parts["val"]), dataset.labels.path.name
+    note = (
+        f"{name} names no split: {count} of {len(dataset.frames)} pictures are val, with those that"
+        " look alike on one side; all are seen by this training, so that only pictures of"
+        " elsewhere tell how good it is (perceptree data split sets some apart)"
+    )
+    notes = (note,) if split == "val" else ()
+    labels = replace(dataset.labels, split=split)
+    without_last = dataset.notes[:-1]  # the last one says that the file counts as test
+    return replace(dataset, labels=labels, frames=parts[split], notes=notes + without_last)
 
 
 def _read(source: DataSource, split: str, skip_broken: bool) -> tuple[Dataset, list[EntryError]]:

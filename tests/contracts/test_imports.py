@@ -164,6 +164,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
         lazily |= {"paho"} if module == "edgetree.sinks.network" else set()
+        lazily |= {"supervision"} if module == "edgetree.detections" else set()
         lazily |= BAG_PACKAGES if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (

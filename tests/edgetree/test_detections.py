@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
 
-from basetree.errors import InputError
+from basetree.errors import InputError, MissingPackage
 from edgetree.detections import TreeDetections
 
 
@@ -71,3 +72,51 @@ def test_no_trees_is_a_valid_result() -> None:
 def test_masks_of_a_model_without_masks_are_an_error() -> None:
     with pytest.raises(InputError, match="has no mask output"):
         dataclasses.replace(_detections(), masks=None).mask(0)
+
+
+def test_the_short_form_says_what_was_found() -> None:
+    assert repr(_detections()) == (
+        "<TreeDetections: 3 trees in 90x80 px, scores 0.10 to 0.90, with keypoints and masks>"
+    )
+    plain = dataclasses.replace(_detections(0), keypoints_px=None, masks=None)
+    assert repr(plain) == "<TreeDetections: 0 trees in 90x80 px, with boxes alone>"
+
+
+def test_rows_hold_one_tree_each() -> None:
+    trees = _detections()
+    assert trees.keypoints_px is not None
+    rows = trees.to_rows()
+    assert [row["tree"] for row in rows] == [1, 2, 3]
+    assert rows[1]["box_x1_px"] == pytest.approx(trees.boxes_px[1, 2])
+    assert rows[2]["axis_top_y_px"] == pytest.approx(trees.keypoints_px[2, 4, 1])
+    assert set(dataclasses.replace(trees, keypoints_px=None).to_rows()[0]) == {
+        *("tree", "score", "box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
+    }
+
+
+def test_a_plot_is_a_changed_copy_of_the_picture() -> None:
+    picture = np.zeros((80, 90, 3), np.uint8)
+    drawn = _detections().plot(picture)
+    assert drawn.shape == picture.shape
+    assert drawn.any()
+    assert not picture.any()
+    with pytest.raises(InputError, match=r"picture has shape \(8, 8, 3\): expected \(80, 90, 3\)"):
+        _detections().plot(picture[:8, :8])
+
+
+def test_the_hand_over_to_supervision() -> None:
+    supervision = pytest.importorskip("supervision")
+    trees = _detections()
+    for handed in (trees, trees.above(1.0)):
+        found = handed.to_supervision()
+        assert isinstance(found, supervision.Detections)
+        assert len(found) == len(handed)
+        np.testing.assert_array_equal(found.xyxy, handed.boxes_px)
+        assert found.mask.shape == (len(handed), 80, 90)
+    np.testing.assert_array_equal(trees.to_supervision().mask[1], trees.mask(1))
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "supervision", None)
+    with pytest.raises(MissingPackage, match="pip install supervision"):
+        _detections().to_supervision()

@@ -73,6 +73,7 @@ EXCEPTIONS = {
     "edgetree/signing/verify.py:_read": SUMS,
     "perceptree/commands/eval.py:_in_shards": SUMS,
     "perceptree/data/augment/colour.py:recolour": MEMORY,
+    "perceptree/data/exchange/places.py:copy": SUMS,
     "perceptree/evaluation/shards.py:labels_sha256": SUMS,
     "perceptree/models/weights/reading.py:file_sha256": SUMS,
     "perceptree/simulator/dataset/frozen.py:_digests": SUMS,

@@ -81,6 +81,16 @@ def picture_leaks(
             )
 
 
+def near_pairs(signatures: Sequence[Signature]) -> Iterator[tuple[int, int]]:
+    """Yield (earlier place, later place) of all nearly identical images of one list."""
+    stacked = np.array(signatures, np.uint64).reshape(-1, SIGNATURE_WORDS)
+    for start, differing in _differing_bits(stacked, stacked):
+        later, earlier = np.nonzero(differing <= SAME_PICTURE_BITS)
+        for one, other in zip(earlier.tolist(), (later + start).tolist(), strict=True):
+            if one < other:
+                yield one, other
+
+
 def _stacked(found: Sequence[tuple[FrameRecord, Signature]]) -> NDArray[np.uint64]:
     return np.array([bits for _, bits in found], np.uint64).reshape(-1, SIGNATURE_WORDS)
 
@@ -89,12 +99,20 @@ def _nearest(one: NDArray[np.uint64], other: NDArray[np.uint64]) -> Iterator[tup
     """Yield (row of `other`, nearest row of `one`) where they differ by few bits."""
     if not len(one):
         return
-    step = max(1, _PAIRS_AT_ONCE // len(one))
-    for start in range(0, len(other), step):
-        differing = np.zeros((len(other[start : start + step]), len(one)), np.uint16)
-        for word in range(SIGNATURE_WORDS):
-            differing += np.bitwise_count(other[start : start + step, word, None] ^ one[:, word])
+    for start, differing in _differing_bits(one, other):
         nearest = differing.argmin(1)
         bits = differing[np.arange(len(nearest)), nearest]
         for row in np.flatnonzero(bits <= SAME_PICTURE_BITS):
             yield start + int(row), int(nearest[row])
+
+
+def _differing_bits(
+    one: NDArray[np.uint64], other: NDArray[np.uint64]
+) -> Iterator[tuple[int, NDArray[np.uint16]]]:
+    """Yield (first row of `other`, bits that differ between some of its rows and all of `one`)."""
+    step = max(1, _PAIRS_AT_ONCE // max(1, len(one)))
+    for start in range(0, len(other), step):
+        differing = np.zeros((len(other[start : start + step]), len(one)), np.uint16)
+        for word in range(SIGNATURE_WORDS):
+            differing += np.bitwise_count(other[start : start + step, word, None] ^ one[:, word])
+        yield start, differing

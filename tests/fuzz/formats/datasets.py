@@ -19,6 +19,7 @@ from perceptree.data.check.pictures import _read
 from perceptree.data.coco import FrameRecord
 from perceptree.data.content import has_keypoints, is_coco
 from perceptree.data.dataset import read_labels
+from perceptree.data.exchange.reading import read_any
 from perceptree.data.layouts import LabelFile
 from perceptree.evaluation.shards import read_predictions
 from perceptree.keypoints import KEYPOINT_NAMES
@@ -151,6 +152,62 @@ def _checked(path: Path) -> object:
     return [_read(path, flag)[1] for flag in (cv2.IMREAD_COLOR, cv2.IMREAD_UNCHANGED)]
 
 
+def _converted(name: str) -> Callable[[Path], Any]:
+    """Read a folder of a labelling tool that holds the file under a name beside a picture."""
+
+    def read(path: Path) -> Any:
+        folder = path.with_name(f"tool-{name.replace('/', '-')}")
+        for inside in ("images", "labels"):
+            (folder / inside).mkdir(parents=True, exist_ok=True)
+        for picture in ("a.png", "images/a.png"):
+            (folder / picture).write_bytes(_PICTURES[0])
+        if name == "labels/a.txt":
+            (folder / "data.yaml").write_bytes(_YOLO)
+        elif name in ("data.yaml", "classes.txt"):
+            (folder / "labels/a.txt").write_bytes(_YOLO_LINES if name == "data.yaml" else _OUTLINES)
+        (folder / name).write_bytes(path.read_bytes())
+        datasets = read_any(folder)
+        for _, dataset in datasets:
+            for frame in dataset.frames:
+                for tree in frame.trees:
+                    if tree.segmentation:
+                        frame.mask(tree)
+        return datasets
+
+    return read
+
+
+_YOLO = b"train: images\nnames: [tree]\nkpt_shape: [1, 3]\nkpt_names: {0: [felling_cut]}\n"
+_YOLO_LINES = b"0 0.5 0.5 0.5 0.5 0.5 0.5 2\n0 0.5 0.5 0.5 0.5\n"
+_OUTLINES = b"0 0.1 0.1 0.9 0.1 0.5 0.9\n"
+_CLASSES = b"tree\nspruce\n"
+_LABELME = (
+    b'{"shapes": [{"label": "tree", "points": [[1, 0], [3, 0], [3, 4]], "group_id": 1},'
+    b' {"label": "tree", "shape_type": "circle", "points": [[3, 2], [4, 2]], "group_id": null},'
+    b' {"label": "felling_cut", "shape_type": "point", "points": [[2, 3]], "flags": {}}],'
+    b' "imagePath": "a.png", "imageHeight": 4, "imageWidth": 8}'
+)
+_CVAT = tuple(
+    b'<annotations><image name="a.png" width="8" height="4">' + shapes + b"</image></annotations>"
+    for shapes in (
+        b'<mask label="tree" rle="0, 4" left="1" top="1" width="2" height="2" group_id="1"/>'
+        b'<skeleton label="tree" group_id="1"><points label="felling_cut" points="2,2"/></skeleton>'
+        b'<polygon label="tree" points="1,0;3,0;3,4"/>',
+        b'<box label="tree" xtl="4" ytl="0" xbr="6" ybr="3"/>',
+    )
+)
+_TASKS = tuple(
+    b'[{"id": 1, "data": {"image": "a.png"}, "annotations": [{"result": [' + results + b"]}]}]"
+    for results in (
+        b'{"id": "r", "type": "rectanglelabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"x": 10, "y": 10, "width": 40, "height": 80, "rectanglelabels": ["tree"]}}',
+        b'{"id": "b", "type": "brushlabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"rle": [0, 0, 0, 128, 59, 51, 52, 255, 254], "brushlabels": ["tree"]}},'
+        b'{"id": "k", "type": "keypointlabels", "original_width": 8, "original_height": 4,'
+        b' "value": {"x": 20, "y": 50, "keypointlabels": ["felling_cut"]}}',
+    )
+)
+
 _PICTURES = tuple(
     cv2.imencode(suffix, np.zeros((4, 8, 3), np.uint8))[1].tobytes() for suffix in (".png", ".jpg")
 )
@@ -163,6 +220,12 @@ FORMATS = {
     "digest": Format((b'{"sha256": "00"}',), lambda path: (_digest_in(path),)),
     "coco.json": Format(_LABELS, _read_coco),
     "keypoints.json": Format((_coco(segmentation=[]),), _join_coco),
+    "yolo.yaml": Format((_YOLO,), _converted("data.yaml")),
+    "yolo.txt": Format((_YOLO_LINES, _OUTLINES), _converted("labels/a.txt")),
+    "classes.txt": Format((_CLASSES,), _converted("classes.txt")),
+    "labelme.json": Format((_LABELME,), _converted("a.json")),
+    "cvat.xml": Format(_CVAT, _converted("a.xml")),
+    "tasks.json": Format(_TASKS, _converted("a.json")),
     "any.json": Format(_LABELS, lambda path: (is_coco(path), has_keypoints(path))),
     "settings": Format((_SETTINGS,), lambda path: read_settings(path, SimulatorSettings())),
     "credits": Format((_CREDITS,), dataset_credits),

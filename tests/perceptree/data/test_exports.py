@@ -65,15 +65,15 @@ def test_files_are_told_by_content_only_where_no_name_fits(export: Path) -> None
         read_split(export, "test")
 
 
-def test_one_export_says_what_a_training_needs(export: Path, call: Call, tmp_path: Path) -> None:
+def test_one_export_says_how_it_is_divided(export: Path, call: Call, tmp_path: Path) -> None:
     path = export / "annotations/instances_default.json"
     path.parent.mkdir()
     (export / "train_RGB.json").rename(path)
     for given in (export, path):
-        code, _, errors = call("train", given, "--out", tmp_path / "run", "--steps", 1)
+        code, _, errors = call("data", "show", given, "--split", "val", "--out", tmp_path / "pages")
         assert code == 2
         assert "instances_default.json" in errors
-        assert "one label file for each split, such as train.json and val.json" in errors
+        assert "perceptree data split divides it into train, val and test" in errors
         assert len(errors.strip().splitlines()) == 1
 
 

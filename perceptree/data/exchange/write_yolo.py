@@ -1,0 +1,96 @@
+"""Write frames as YOLO trainers read them: `data.yaml`, pictures, and a text file for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from basetree.files.writing import write_text
+from perceptree.data.coco import FrameRecord, TreeRecord
+from perceptree.data.exchange.outlines import joined, outlines
+from perceptree.data.exchange.places import Places
+from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
+
+_DIGITS = 6
+_FOLDER_OF_NONE = "all"
+
+Splits = Mapping[str | None, Sequence[FrameRecord]]
+
+
+def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
+    """Write a dataset of one class, "tree".
+
+    Args:
+        out: The new folder.
+        splits: Frames of each split; None for frames without a split.
+        keypoints: Whether boxes with keypoints are written; else polygons.
+
+    Returns:
+        Messages for the user about what the form cannot hold.
+    """
+    places = Places(out, [frame for frames in splits.values() for frame in frames])
+    ignored, without, several = 0, 0, 0
+    for split, frames in splits.items():
+        folder = split or _FOLDER_OF_NONE
+        for frame in frames:
+            places.copy(frame.image_path, "images", folder)
+            counted = [tree for tree in frame.trees if not tree.ignored]
+            ignored += len(frame.trees) - len(counted)
+            row = partial(_pose, frame) if keypoints else partial(_polygon, frame)
+            lines = [line for tree in counted if (line := row(tree))]
+            without += len(counted) - len(lines)
+            several += 0 if keypoints else sum(len(outlines(frame, tree)) > 1 for tree in counted)
+            path = out / "labels" / folder / f"{places.stem(frame)}.txt"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_text(path, "".join(f"{line}\n" for line in lines))
+    write_text(out / "data.yaml", "\n".join(_settings(splits, keypoints)) + "\n")
+    messages = {
+        "left out: {} ignored regions; a YOLO label file has none, they become background": ignored,
+        "left out: {} trees without a mask": without,
+        "{} masks of several parts are joined to one outline by lines without width": several,
+    }
+    return [text.format(count) for text, count in messages.items() if count]
+
+
+def _settings(splits: Splits, keypoints: bool) -> Iterator[str]:
+    for split in splits:
+        yield f"{split or 'train'}: images/{split or _FOLDER_OF_NONE}"
+    if "val" not in splits:  # which those trainers demand
+        yield f"val: images/{'train' if 'train' in splits else next(iter(splits)) or 'all'}"
+    yield "names:"
+    yield "  0: tree"
+    if keypoints:
+        flipped = list(range(len(KEYPOINT_NAMES)))
+        for first, second in KEYPOINT_FLIP_PAIRS:
+            flipped[first], flipped[second] = second, first
+        yield f"kpt_shape: [{len(KEYPOINT_NAMES)}, 3]"
+        yield f"flip_idx: {flipped}"
+        yield "kpt_names:"
+        yield f"  0: [{', '.join(KEYPOINT_NAMES)}]"
+
+
+def _pose(frame: FrameRecord, tree: TreeRecord) -> str:
+    size = np.array([frame.width, frame.height], np.float64)
+    low, high = (np.clip(tree.box_px[corner].reshape(2) / size, 0, 1) for corner in _CORNERS)
+    box = _numbers(np.concatenate([(low + high) / 2, high - low]))
+    points = [f"{_numbers(point[:2] / size)} {int(point[2])}" for point in tree.keypoints]
+    return " ".join(["0", box, *points])
+
+
+_CORNERS = (slice(0, 2), slice(2, 4))
+
+
+def _polygon(frame: FrameRecord, tree: TreeRecord) -> str:
+    """A line with the outline of a tree; empty without one."""
+    parts = outlines(frame, tree)
+    if not parts:
+        return ""
+    shares = np.clip(joined(parts) / np.array([frame.width, frame.height]), 0, 1)
+    return f"0 {_numbers(shares.reshape(-1))}"
+
+
+def _numbers(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    return " ".join(f"{value:.{_DIGITS}g}" for value in values)
