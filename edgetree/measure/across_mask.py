@@ -1,0 +1,232 @@
+"""Compare the depth across masks with that of one stem, and of two of which one hides the other.
+
+Across its axis a stem is round or oval. Between the rays that touch it, the front of any ellipse has
+the depth `c + a u - b sqrt(1 - u²)`, where u is -1 and 1 at its edges: an affine map turns a circle
+into an ellipse and keeps its tangents. It is linear in c, a and b, so each shape is fitted by least
+squares, with the ovality of stems as a prior on a and b.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from basetree.arrays import Bool, Float, Index
+from edgetree.measure.constants.depth import (
+    BARK_STD_M,
+    MIN_GAIN,
+    OUTLIER_STDS,
+    OVAL_DEPTH_STD,
+    OVAL_TURN_STD,
+    SHAPE_STD,
+)
+from edgetree.measure.edge_lines import masked_medians
+from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
+from edgetree.measure.outline import Outline
+from edgetree.measure.regions import STATIONS
+
+PARTS = 6
+"""Neighbouring stations are taken together in so many parts of the stem."""
+
+# Places across the mask, and how many of them each of two stems needs. The one next to the step
+# between both may mix them.
+_SAMPLES, _MIN_SAMPLES = 24, 3
+_ACROSS = (np.arange(_SAMPLES) + 0.5) * 2 / _SAMPLES - 1
+# A place needs readings at so many of a part's stations.
+_MIN_STATIONS = 2
+_PRIOR = np.diag([1e-6, OVAL_TURN_STD**-2, OVAL_DEPTH_STD**-2])
+_PRIOR_RIGHT = np.array([0.0, 0.0, OVAL_DEPTH_STD**-2])
+
+
+class AcrossMasks(NamedTuple):
+    """What shows across the masks of T stems, in P parts along each, from low to high.
+
+    Places across are in half widths of the mask there: -1 and 1 at its edges.
+
+    Attributes:
+        seen: (T, P) whether both edges of the mask show.
+        two: (T, P) whether the depth is that of two stems and not that of one.
+        near: (T, P, 2) left and right edge of the nearer of two, else -1 and 1.
+        behind: (T, P) how far the axis of the other one is behind its axis, in its radii.
+        filled: (T, P, N) which of N even places across are on the mask.
+        middle_px, half_px: (T, P) middle of the mask across the search region, and half its width.
+    """
+
+    seen: Bool
+    two: Bool
+    near: Float
+    behind: Float
+    filled: Bool
+    middle_px: Float
+    half_px: Float
+
+
+def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
+    """Compare the depth across masks with one stem and with two.
+
+    Each part along a stem is compared by itself, as two stems may lean apart. Where no part tells,
+    all together may: then both stems have the same place in all of them.
+
+    Args:
+        frame: Depth, masks and settings.
+        outline: Edges in the masks.
+    """
+    regions = outline.regions
+    left, right = outline.edges_px
+    middle, half = (left + right) / 2, (right - left) / 2
+    found = (outline.found.all(0) & (half > 1))[..., None]
+    across_px = middle[..., None] + half[..., None] * _ACROSS
+    inside = frame.mask_probability(regions.points(across_px)) >= MASK_THRESHOLD
+    shift_px = outline.depth_shift_px[:, None, None]
+    depth_m = frame.depth_at(regions.points(across_px + shift_px))
+    # Smoothed depth near an edge is a mixture with the background.
+    clear = 1 - outline.depth_ramp_px / 2 / np.maximum(half[..., None], 1e-3)
+    usable = found & inside & (np.abs(_ACROSS) <= clear)
+    parts_m = _parts(np.where(usable, depth_m, 0.0))
+    stations = _parts(found).sum(3)
+    filled = 2 * _parts(inside & found).sum(3) > stations
+    seen = stations[..., 0] >= _MIN_STATIONS
+    middle_px, half_px = (
+        masked_medians(_parts(each[..., None]), _parts(found))[..., 0] for each in (middle, half)
+    )
+    readings = np.where(filled, (parts_m > 0).sum(3), 0)
+    readings[readings < _MIN_STATIONS] = 0
+    profile_m = masked_medians(parts_m, parts_m > 0)
+    station_px = (regions.span_px[:, 1] - regions.span_px[:, 0]) / STATIONS
+    told = _tell(frame, profile_m, readings, half_px, station_px)
+    whole_px = masked_medians(half_px, seen)[:, None]
+    whole = _tell(frame, *_together(profile_m, readings), whole_px, station_px)
+    untold = ~told[0].any(1) & whole[0][:, 0]
+    two, near, behind = (
+        np.where(untold.reshape(-1, *[1] * (part.ndim - 1)), all_of_it, part)
+        for part, all_of_it in zip(told, whole, strict=True)
+    )
+    return AcrossMasks(seen, two & seen, near, behind, filled, middle_px, half_px)
+
+
+def _tell(
+    frame: DepthFrame, profile_m: Float, readings: Float, half_px: Float, station_px: Float
+) -> tuple[Bool, Float, Float]:
+    """`two`, `near` and `behind` of `AcrossMasks`.
+
+    Two stems explain the depth if they lower the sum of squares by `MIN_GAIN` and by more than
+    half. Readings count as independent at distances of `MeasureSettings.depth_correlation_px`, and
+    are off by noise, bark (`BARK_STD_M`) and shape (`SHAPE_STD`).
+
+    Args:
+        frame: Camera and settings.
+        profile_m: (T, P, N) depth across the parts of the stems.
+        readings: (T, P, N) number of readings there.
+        half_px: (T, P) half the width of the mask.
+        station_px: (T,) distance of the stations.
+    """
+    settings = frame.settings
+    level_m = masked_medians(profile_m, readings > 0)
+    radius_m = np.maximum(half_px * level_m / frame.camera.fx, 1e-3)
+    noise_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
+    correlation_px = settings.depth_correlation_px
+    along = np.maximum(correlation_px / np.maximum(station_px, 1e-3), 1.0)[:, None, None]
+    across = np.maximum(correlation_px * _SAMPLES / np.maximum(2 * half_px, 1e-3), 1.0)
+    number = np.maximum(readings / along, 1.0)
+    shape_m = np.hypot(SHAPE_STD * radius_m, BARK_STD_M)[..., None]
+    variance = (shape_m**2 + noise_m[..., None] ** 2 / number) * across[..., None]
+    weight = np.where(readings > 0, radius_m[..., None] ** 2 / variance, 0.0)
+    return _compared(profile_m / radius_m[..., None], weight)
+
+
+def _compared(depth: Float, weight: Float) -> tuple[Bool, Float, Float]:
+    """The same from depths (T, P, N) in half widths of the mask and their weights."""
+    shape = depth.shape[:2]
+    misfit = _fit(depth.reshape(-1, _SAMPLES), weight.reshape(-1, _SAMPLES), _ONE)[0]
+    misfit = misfit.reshape(shape)
+    two, behind = np.zeros(shape, np.bool_), np.zeros(shape)
+    near = np.tile([-1.0, 1.0], (*shape, 1))
+    rows = np.nonzero(((weight > 0).sum(2) >= 2 * _MIN_SAMPLES) & (misfit > MIN_GAIN))
+    if len(rows[0]):
+        left, step, gap = _two_stems(depth[rows], weight[rows])
+        right, mirrored, other_gap = _two_stems(depth[rows][:, ::-1], weight[rows][:, ::-1])
+        is_left = left <= right
+        gain = misfit[rows] - np.minimum(left, right)
+        two[rows] = (gain > MIN_GAIN) & (gain > misfit[rows] / 2)
+        low, high = np.where(is_left, -1.0, -mirrored), np.where(is_left, step, 1.0)
+        near[rows] = np.where(two[rows][:, None], np.stack([low, high], 1), near[rows])
+        behind[rows] = np.where(is_left, gap, other_gap)
+    return two, near, behind
+
+
+def _together(profile_m: Float, readings: Float) -> tuple[Float, Float]:
+    """The depth (T, 1, N) across whole stems, by its parts less their own depth, and the readings."""
+    used = readings > 0
+    level_m = masked_medians(profile_m, used)
+    levelled = np.where(used, readings * (profile_m - level_m[..., None]), 0.0).sum(
+        1, keepdims=True
+    )
+    number = readings.sum(1, keepdims=True)
+    mean_m = np.where(used.any(2), level_m, 0.0).sum(1) / np.maximum(used.any(2).sum(1), 1)
+    return levelled / np.maximum(number, 1) + mean_m[:, None, None], number
+
+
+def _parts(values: Float | Bool) -> Float:
+    """(T, P, N, S / P) values (T, S, N) in parts of the stem."""
+    count, _, samples = values.shape
+    return values.reshape(count, PARTS, -1, samples).swapaxes(2, 3)
+
+
+class _Shapes(NamedTuple):
+    """K ellipses: (K, N, 3) factors of c, a and b, and (K, N) places that belong to each."""
+
+    basis: Float
+    used: Bool
+
+
+def _ellipses(low: Float, high: Float, used: Bool) -> _Shapes:
+    """Ellipses between edges (K,); a and b are in the depth of a circle."""
+    half = ((high - low) / 2)[:, None]
+    place = np.clip((_ACROSS - (low + high)[:, None] / 2) / half, -1.0, 1.0)
+    basis = np.stack([np.ones_like(place), half * place, -half * np.sqrt(1 - place**2)], -1)
+    return _Shapes(basis, used)
+
+
+def _fit(depth: Float, weight: Float, shapes: _Shapes) -> tuple[Float, Float]:
+    """Fit K shapes to M depths (M, N); squares (M, K) that they leave, and (M, K) values of c.
+
+    Squares above `OUTLIER_STDS`² count as that.
+    """
+    basis, used = shapes
+    own = basis * used[..., None]
+    count, samples = len(own), depth.shape[1]
+    pairs = (own[..., None] * basis[..., None, :]).swapaxes(0, 1).reshape(samples, -1)
+    normal = (weight @ pairs).reshape(-1, count, 3, 3) + _PRIOR
+    right = ((weight * depth) @ own.swapaxes(0, 1).reshape(samples, -1)).reshape(-1, count, 3)
+    found = np.linalg.solve(normal, (right + _PRIOR_RIGHT)[..., None])[..., 0]
+    off = depth[:, None] - np.matmul(basis, found[..., None])[..., 0]
+    squares = np.minimum(weight[:, None] * off**2, OUTLIER_STDS**2) * used
+    prior = (found[..., 1] / OVAL_TURN_STD) ** 2 + ((found[..., 2] - 1) / OVAL_DEPTH_STD) ** 2
+    return squares.sum(2) + prior, found[..., 0]
+
+
+def _two_stems(depth: Float, weight: Float) -> tuple[Float, Float, Float]:
+    """The best of two stems, the left one nearer, for M depths (M, N).
+
+    Returns:
+        (M,) squares that they leave, the step between them, and how far the right one's axis is
+        behind the left one's, in radii of the left one.
+    """
+    near_misfit, near = _fit(depth, weight, _NEAR)
+    far_misfit, far = _fit(depth, weight, _FAR)
+    behind = (far - near) / ((1 + _STEPS) / 2)
+    misfit = np.where(behind > 0, near_misfit + far_misfit, np.inf)
+    best: Index = misfit.argmin(1)
+    rows = np.arange(len(depth))
+    return misfit[rows, best], _STEPS[best], behind[rows, best]
+
+
+_STEPS = _ACROSS[_MIN_SAMPLES : -_MIN_SAMPLES + 1] - 1 / _SAMPLES
+_NUMBER = np.arange(_MIN_SAMPLES, _SAMPLES - _MIN_SAMPLES + 1)[:, None]
+_ONE = _ellipses(-np.ones(1), np.ones(1), np.ones((1, _SAMPLES), np.bool_))
+_NEAR = _ellipses(-np.ones_like(_STEPS), _STEPS, np.arange(_SAMPLES) < _NUMBER - 1)
+# The further one shows in part: it is taken to be as thick as the nearer one, or as what shows.
+_FAR = _ellipses(
+    1 - np.maximum(1 - _STEPS, 1 + _STEPS), np.ones_like(_STEPS), np.arange(_SAMPLES) >= _NUMBER
+)
