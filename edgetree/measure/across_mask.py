@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float, Index
+from calib.directions import unit
 from edgetree.measure.constants.depth import (
     BARK_STD_M,
     MIN_GAIN,
@@ -31,10 +32,13 @@ PARTS = 6
 
 # Places across the mask, and how many of them each of two stems needs. The one next to the step
 # between both may mix them.
-_SAMPLES, _MIN_SAMPLES = 24, 3
+_SAMPLES, _MIN_SAMPLES = 24, 4
 _ACROSS = (np.arange(_SAMPLES) + 0.5) * 2 / _SAMPLES - 1
+# Beyond this a pixel may mix the stem and what is behind it.
+_WITHIN = 0.94
 # A place needs readings at so many of a part's stations.
 _MIN_STATIONS = 2
+_MAD_TO_STD = 1.4826
 _PRIOR = np.diag([1e-6, OVAL_TURN_STD**-2, OVAL_DEPTH_STD**-2])
 _PRIOR_RIGHT = np.array([0.0, 0.0, OVAL_DEPTH_STD**-2])
 
@@ -79,10 +83,12 @@ def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     across_px = middle[..., None] + half[..., None] * _ACROSS
     inside = frame.mask_probability(regions.points(across_px)) >= MASK_THRESHOLD
     shift_px = outline.depth_shift_px[:, None, None]
-    depth_m = frame.depth_at(regions.points(across_px + shift_px))
+    depth_m = _ahead_m(
+        frame, regions.points(across_px + shift_px), regions.points(middle[..., None])
+    )
     # Smoothed depth near an edge is a mixture with the background.
     clear = 1 - outline.depth_ramp_px / 2 / np.maximum(half[..., None], 1e-3)
-    usable = found & inside & (np.abs(_ACROSS) <= clear)
+    usable = found & inside & (np.abs(_ACROSS) <= np.minimum(clear, _WITHIN))
     parts_m = _parts(np.where(usable, depth_m, 0.0))
     stations = _parts(found).sum(3)
     filled = 2 * _parts(inside & found).sum(3) > stations
@@ -94,9 +100,10 @@ def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     readings[readings < _MIN_STATIONS] = 0
     profile_m = masked_medians(parts_m, parts_m > 0)
     station_px = (regions.span_px[:, 1] - regions.span_px[:, 0]) / STATIONS
-    told = _tell(frame, profile_m, readings, half_px, station_px)
-    whole_px = masked_medians(half_px, seen)[:, None]
-    whole = _tell(frame, *_together(profile_m, readings), whole_px, station_px)
+    scatter_m = _scatter_m(parts_m, profile_m, readings)
+    told = _tell(frame, profile_m, readings, scatter_m, half_px, station_px)
+    whole_px, whole_m = (masked_medians(each, seen)[:, None] for each in (half_px, scatter_m))
+    whole = _tell(frame, *_together(profile_m, readings), whole_m, whole_px, station_px)
     untold = ~told[0].any(1) & whole[0][:, 0]
     two, near, behind = (
         np.where(untold.reshape(-1, *[1] * (part.ndim - 1)), all_of_it, part)
@@ -105,8 +112,22 @@ def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     return AcrossMasks(seen, two & seen, near, behind, filled, middle_px, half_px)
 
 
+def _ahead_m(frame: DepthFrame, xy_px: Float, middle_px: Float) -> Float:
+    """Distance (T, S, N) of readings at (T, S, N, 2) px, along the rays to the middles (T, S, 1, 2).
+
+    In depth along the optical axis, stems beside that axis look nearer on one side.
+    """
+    rays, depth_m = frame.readings(xy_px)
+    return np.asarray(np.vecdot(rays, unit(frame.rays(middle_px))) * depth_m)
+
+
 def _tell(
-    frame: DepthFrame, profile_m: Float, readings: Float, half_px: Float, station_px: Float
+    frame: DepthFrame,
+    profile_m: Float,
+    readings: Float,
+    scatter_m: Float,
+    half_px: Float,
+    station_px: Float,
 ) -> tuple[Bool, Float, Float]:
     """`two`, `near` and `behind` of `AcrossMasks`.
 
@@ -118,6 +139,7 @@ def _tell(
         frame: Camera and settings.
         profile_m: (T, P, N) depth across the parts of the stems.
         readings: (T, P, N) number of readings there.
+        scatter_m: (T, P) deviation of the readings from it; at least the assumed one counts.
         half_px: (T, P) half the width of the mask.
         station_px: (T,) distance of the stations.
     """
@@ -125,6 +147,7 @@ def _tell(
     level_m = masked_medians(profile_m, readings > 0)
     radius_m = np.maximum(half_px * level_m / frame.camera.fx, 1e-3)
     noise_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
+    noise_m = np.maximum(noise_m, scatter_m)
     correlation_px = settings.depth_correlation_px
     along = np.maximum(correlation_px / np.maximum(station_px, 1e-3), 1.0)[:, None, None]
     across = np.maximum(correlation_px * _SAMPLES / np.maximum(2 * half_px, 1e-3), 1.0)
@@ -153,6 +176,12 @@ def _compared(depth: Float, weight: Float) -> tuple[Bool, Float, Float]:
         near[rows] = np.where(two[rows][:, None], np.stack([low, high], 1), near[rows])
         behind[rows] = np.where(is_left, gap, other_gap)
     return two, near, behind
+
+
+def _scatter_m(parts_m: Float, profile_m: Float, readings: Float) -> Float:
+    """(T, P) standard deviation of readings (T, P, N, S) about their medians (T, P, N)."""
+    off_m = masked_medians(np.abs(parts_m - profile_m[..., None]), parts_m > 0)
+    return _MAD_TO_STD * masked_medians(off_m, readings > 0)
 
 
 def _together(profile_m: Float, readings: Float) -> tuple[Float, Float]:

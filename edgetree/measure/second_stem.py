@@ -103,8 +103,10 @@ def _meant(parts: AcrossMasks, regions: SearchRegions) -> _Stem | None:
         return None
     edges_px = parts.middle_px[part, None] + parts.half_px[part, None] * pieces
     first, second = np.nonzero(part[:, None] < part)
-    foot = np.unique(part)[:2]
-    kept = np.isin(part[first], foot)
+    gaps = np.array([(~parts.filled[each]).any() for each in range(PARTS)])
+    single = ~(parts.two | gaps)[part]
+    foot = np.isin(part, np.unique(part)[:2])
+    kept = foot[first] | (single[first] & single[second])
     first, second = first[kept], second[kept]
     slope = (edges_px[second] - edges_px[first]) / (position[part[second]] - position[part[first]])[
         :, None
@@ -116,6 +118,8 @@ def _meant(parts: AcrossMasks, regions: SearchRegions) -> _Stem | None:
     plausible = (width > 0).all(1) & (change > _NARROWS) & (change < _WIDENS)
     off = np.abs(edges_px - lines[:, part]).max(2)
     agrees = off < SAME_EDGE_SHARE * width[:, part] + 1
+    # Without the foot, as where plants hide it, only parts with one stem tell.
+    agrees &= foot[first][:, None] | single
     agreeing = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1)
     score = np.where(
         plausible,
