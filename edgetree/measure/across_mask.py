@@ -1,8 +1,8 @@
 """Compare the depth across masks with that of one stem, and of two of which one hides the other.
 
-Across its axis a stem is round or oval. Between the rays that touch it, the front of any ellipse has
-the depth `c + a u - b sqrt(1 - u²)`, where u is -1 and 1 at its edges: an affine map turns a circle
-into an ellipse and keeps its tangents. It is linear in c, a and b, so each shape is fitted by least
+Across its axis a stem is round or oval. Between the rays that touch it, the front of any ellipse
+has the depth `c + a u - b sqrt(1 - u²)`, where u is -1 and 1 at its edges: an affine map turns a
+circle into an ellipse and keeps its tangents. It is linear in c, a and b, so each shape is fitted by least
 squares, with the ovality of stems as a prior on a and b.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from basetree.arrays import Bool, Float, Index
 from calib.directions import unit
@@ -21,6 +22,8 @@ from edgetree.measure.constants.depth import (
     OVAL_DEPTH_STD,
     OVAL_TURN_STD,
     SHAPE_STD,
+    SURFACE_M,
+    SURFACE_STDS,
 )
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
@@ -34,10 +37,12 @@ PARTS = 6
 # between both may mix them.
 _SAMPLES, _MIN_SAMPLES = 24, 4
 _ACROSS = (np.arange(_SAMPLES) + 0.5) * 2 / _SAMPLES - 1
-# Beyond this a pixel may mix the stem and what is behind it.
-_WITHIN = 0.94
-# A place needs readings at so many of a part's stations.
-_MIN_STATIONS = 2
+# Beyond this a pixel may mix the stem and what is behind it. Outside, the depth is read at two more.
+_WITHIN, _BESIDE = 0.94, 1.3
+# A place needs readings at so many of a part's stations, and all parts together so many parts.
+_MIN_STATIONS, _MIN_TOGETHER = 2, 4
+# Single places that differ from most of so many around them are left out.
+_AROUND = 5
 _MAD_TO_STD = 1.4826
 _PRIOR = np.diag([1e-6, OVAL_TURN_STD**-2, OVAL_DEPTH_STD**-2])
 _PRIOR_RIGHT = np.array([0.0, 0.0, OVAL_DEPTH_STD**-2])
@@ -53,7 +58,9 @@ class AcrossMasks(NamedTuple):
         two: (T, P) whether the depth is that of two stems and not that of one.
         near: (T, P, 2) left and right edge of the nearer of two, else -1 and 1.
         behind: (T, P) how far the axis of the other one is behind its axis, in its radii.
-        filled: (T, P, N) which of N even places across are on the mask.
+        depth_m: (T, P, N) distance at N even places across, along the view of the stem; 0 where
+            it is not known.
+        filled: (T, P, N) which of these places are on the mask.
         middle_px, half_px: (T, P) middle of the mask across the search region, and half its width.
     """
 
@@ -61,16 +68,51 @@ class AcrossMasks(NamedTuple):
     two: Bool
     near: Float
     behind: Float
+    depth_m: Float
     filled: Bool
     middle_px: Float
     half_px: Float
+
+
+class _Profiles(NamedTuple):
+    """Depth across the parts of stems.
+
+    Attributes:
+        depth_m: (T, P, N) distance along the view.
+        readings: (T, P, N) number of readings behind it.
+        scatter_m: (T, P) standard deviation of one of them.
+        half_px: (T, P) half the width of the mask.
+    """
+
+    depth_m: Float
+    readings: Float
+    scatter_m: Float
+    half_px: Float
+
+    @property
+    def level_m(self) -> Float:
+        """(T, P) median depth."""
+        return masked_medians(self.depth_m, self.readings > 0)
+
+    def together(self) -> _Profiles:
+        """The same (T, 1) of whole stems: that of their parts less their own depth."""
+        used = self.readings > 0
+        level_m, known = self.level_m, used.any(2)
+        off_m = np.where(used, self.readings * (self.depth_m - level_m[..., None]), 0.0)
+        number = self.readings.sum(1, keepdims=True)
+        number = np.where(used.sum(1, keepdims=True) >= _MIN_TOGETHER, number, 0)
+        mean_m = np.where(known, level_m, 0.0).sum(1) / np.maximum(known.sum(1), 1)
+        depth_m = off_m.sum(1, keepdims=True) / np.maximum(number, 1) + mean_m[:, None, None]
+        middles = (masked_medians(each, known)[:, None] for each in (self.scatter_m, self.half_px))
+        return _Profiles(depth_m, number, *middles)
 
 
 def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     """Compare the depth across masks with one stem and with two.
 
     Each part along a stem is compared by itself, as two stems may lean apart. Where no part tells,
-    all together may: then both stems have the same place in all of them.
+    all together may: then both stems have the same place in all of them. What goes on beside the
+    mask is brush or netting, and no nearer stem.
 
     Args:
         frame: Depth, masks and settings.
@@ -80,36 +122,56 @@ def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     left, right = outline.edges_px
     middle, half = (left + right) / 2, (right - left) / 2
     found = (outline.found.all(0) & (half > 1))[..., None]
-    across_px = middle[..., None] + half[..., None] * _ACROSS
-    inside = frame.mask_probability(regions.points(across_px)) >= MASK_THRESHOLD
+    places = np.concatenate([[-_BESIDE], _ACROSS, [_BESIDE]])
+    across_px = middle[..., None] + half[..., None] * places
     shift_px = outline.depth_shift_px[:, None, None]
-    depth_m = _ahead_m(
+    read_m = _ahead_m(
         frame, regions.points(across_px + shift_px), regions.points(middle[..., None])
     )
+    inside = frame.mask_probability(regions.points(across_px[..., 1:-1])) >= MASK_THRESHOLD
     # Smoothed depth near an edge is a mixture with the background.
     clear = 1 - outline.depth_ramp_px / 2 / np.maximum(half[..., None], 1e-3)
     usable = found & inside & (np.abs(_ACROSS) <= np.minimum(clear, _WITHIN))
-    parts_m = _parts(np.where(usable, depth_m, 0.0))
     stations = _parts(found).sum(3)
     filled = 2 * _parts(inside & found).sum(3) > stations
-    seen = stations[..., 0] >= _MIN_STATIONS
     middle_px, half_px = (
         masked_medians(_parts(each[..., None]), _parts(found))[..., 0] for each in (middle, half)
     )
+    profiles = _profiles(_parts(np.where(usable, read_m[..., 1:-1], 0.0)), filled, half_px)
+    station_px = (regions.span_px[:, 1] - regions.span_px[:, 0]) / STATIONS
+    told = _tell(frame, profiles, station_px)
+    whole = _tell(frame, profiles.together(), station_px)
+    two, near, behind = told
+    untold = ~two.any(1) & whole[0][:, 0]
+    for part, all_of_it in zip(told, whole, strict=True):
+        part[untold] = all_of_it[untold]
+    beside_m = _parts(np.where(found, read_m[..., [0, -1]], 0.0))
+    beside_m = masked_medians(beside_m, beside_m > 0)
+    two &= (stations[..., 0] >= _MIN_STATIONS) & ~_goes_on(frame, profiles, near, beside_m)
+    near[~two] = -1.0, 1.0
+    known = profiles.readings > 0
+    return AcrossMasks(
+        seen=stations[..., 0] >= _MIN_STATIONS,
+        two=two,
+        near=near,
+        behind=behind,
+        depth_m=np.where(known, profiles.depth_m, 0.0),
+        filled=filled,
+        middle_px=middle_px,
+        half_px=half_px,
+    )
+
+
+def _profiles(parts_m: Float, filled: Bool, half_px: Float) -> _Profiles:
+    """Medians of readings (T, P, N, S) over the stations of each part."""
     readings = np.where(filled, (parts_m > 0).sum(3), 0)
     readings[readings < _MIN_STATIONS] = 0
-    profile_m = masked_medians(parts_m, parts_m > 0)
-    station_px = (regions.span_px[:, 1] - regions.span_px[:, 0]) / STATIONS
-    scatter_m = _scatter_m(parts_m, profile_m, readings)
-    told = _tell(frame, profile_m, readings, scatter_m, half_px, station_px)
-    whole_px, whole_m = (masked_medians(each, seen)[:, None] for each in (half_px, scatter_m))
-    whole = _tell(frame, *_together(profile_m, readings), whole_m, whole_px, station_px)
-    untold = ~told[0].any(1) & whole[0][:, 0]
-    two, near, behind = (
-        np.where(untold.reshape(-1, *[1] * (part.ndim - 1)), all_of_it, part)
-        for part, all_of_it in zip(told, whole, strict=True)
-    )
-    return AcrossMasks(seen, two & seen, near, behind, filled, middle_px, half_px)
+    depth_m = masked_medians(parts_m, parts_m > 0)
+    off_m = masked_medians(np.abs(parts_m - depth_m[..., None]), parts_m > 0)
+    scatter_m = _MAD_TO_STD * masked_medians(off_m, readings > 0)
+    sides = ((0, 0), (0, 0), (_AROUND // 2, _AROUND // 2))
+    around_m = sliding_window_view(np.pad(np.where(readings > 0, depth_m, 0), sides), _AROUND, 2)
+    return _Profiles(masked_medians(around_m, around_m > 0), readings, scatter_m, half_px)
 
 
 def _ahead_m(frame: DepthFrame, xy_px: Float, middle_px: Float) -> Float:
@@ -121,14 +183,24 @@ def _ahead_m(frame: DepthFrame, xy_px: Float, middle_px: Float) -> Float:
     return np.asarray(np.vecdot(rays, unit(frame.rays(middle_px))) * depth_m)
 
 
-def _tell(
-    frame: DepthFrame,
-    profile_m: Float,
-    readings: Float,
-    scatter_m: Float,
-    half_px: Float,
-    station_px: Float,
-) -> tuple[Bool, Float, Float]:
+def _noise_m(frame: DepthFrame, profiles: _Profiles) -> Float:
+    """(T, P) standard deviation of a reading: the assumed one, or the scatter if that is larger."""
+    settings, level_m = frame.settings, profiles.level_m
+    assumed_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
+    return np.maximum(assumed_m, profiles.scatter_m)
+
+
+def _goes_on(frame: DepthFrame, profiles: _Profiles, near: Float, beside_m: Float) -> Bool:
+    """(T, P) whether the nearer of two goes on beside the mask, at depths (T, P, 2) left and right."""
+    on_left = near[..., :1] == -1
+    beside_m = np.where(on_left, beside_m[..., :1], beside_m[..., 1:])[..., 0]
+    own = (near[..., :1] < _ACROSS) & (_ACROSS < near[..., 1:]) & (profiles.readings > 0)
+    own_m = masked_medians(profiles.depth_m, own)
+    within_m = SURFACE_STDS * _noise_m(frame, profiles) + SURFACE_M
+    return np.asarray((beside_m > 0) & (np.abs(beside_m - own_m) < within_m))
+
+
+def _tell(frame: DepthFrame, profiles: _Profiles, station_px: Float) -> tuple[Bool, Float, Float]:
     """`two`, `near` and `behind` of `AcrossMasks`.
 
     Two stems explain the depth if they lower the sum of squares by `MIN_GAIN` and by more than
@@ -137,25 +209,19 @@ def _tell(
 
     Args:
         frame: Camera and settings.
-        profile_m: (T, P, N) depth across the parts of the stems.
-        readings: (T, P, N) number of readings there.
-        scatter_m: (T, P) deviation of the readings from it; at least the assumed one counts.
-        half_px: (T, P) half the width of the mask.
+        profiles: Depth across the stems.
         station_px: (T,) distance of the stations.
     """
-    settings = frame.settings
-    level_m = masked_medians(profile_m, readings > 0)
-    radius_m = np.maximum(half_px * level_m / frame.camera.fx, 1e-3)
-    noise_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
-    noise_m = np.maximum(noise_m, scatter_m)
-    correlation_px = settings.depth_correlation_px
+    radius_m = np.maximum(profiles.half_px * profiles.level_m / frame.camera.fx, 1e-3)
+    correlation_px = frame.settings.depth_correlation_px
     along = np.maximum(correlation_px / np.maximum(station_px, 1e-3), 1.0)[:, None, None]
-    across = np.maximum(correlation_px * _SAMPLES / np.maximum(2 * half_px, 1e-3), 1.0)
-    number = np.maximum(readings / along, 1.0)
+    across = correlation_px * _SAMPLES / np.maximum(2 * profiles.half_px, 1e-3)
+    number = np.maximum(profiles.readings / along, 1.0)
     shape_m = np.hypot(SHAPE_STD * radius_m, BARK_STD_M)[..., None]
-    variance = (shape_m**2 + noise_m[..., None] ** 2 / number) * across[..., None]
-    weight = np.where(readings > 0, radius_m[..., None] ** 2 / variance, 0.0)
-    return _compared(profile_m / radius_m[..., None], weight)
+    variance = shape_m**2 + _noise_m(frame, profiles)[..., None] ** 2 / number
+    variance *= np.maximum(across, 1.0)[..., None]
+    weight = np.where(profiles.readings > 0, radius_m[..., None] ** 2 / variance, 0.0)
+    return _compared(profiles.depth_m / radius_m[..., None], weight)
 
 
 def _compared(depth: Float, weight: Float) -> tuple[Bool, Float, Float]:
@@ -173,27 +239,9 @@ def _compared(depth: Float, weight: Float) -> tuple[Bool, Float, Float]:
         gain = misfit[rows] - np.minimum(left, right)
         two[rows] = (gain > MIN_GAIN) & (gain > misfit[rows] / 2)
         low, high = np.where(is_left, -1.0, -mirrored), np.where(is_left, step, 1.0)
-        near[rows] = np.where(two[rows][:, None], np.stack([low, high], 1), near[rows])
+        near[rows] = np.stack([low, high], 1)
         behind[rows] = np.where(is_left, gap, other_gap)
     return two, near, behind
-
-
-def _scatter_m(parts_m: Float, profile_m: Float, readings: Float) -> Float:
-    """(T, P) standard deviation of readings (T, P, N, S) about their medians (T, P, N)."""
-    off_m = masked_medians(np.abs(parts_m - profile_m[..., None]), parts_m > 0)
-    return _MAD_TO_STD * masked_medians(off_m, readings > 0)
-
-
-def _together(profile_m: Float, readings: Float) -> tuple[Float, Float]:
-    """The depth (T, 1, N) across whole stems, by its parts less their own depth, and the readings."""
-    used = readings > 0
-    level_m = masked_medians(profile_m, used)
-    levelled = np.where(used, readings * (profile_m - level_m[..., None]), 0.0).sum(
-        1, keepdims=True
-    )
-    number = readings.sum(1, keepdims=True)
-    mean_m = np.where(used.any(2), level_m, 0.0).sum(1) / np.maximum(used.any(2).sum(1), 1)
-    return levelled / np.maximum(number, 1) + mean_m[:, None, None], number
 
 
 def _parts(values: Float | Bool) -> Float:

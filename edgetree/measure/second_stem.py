@@ -7,18 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from edgetree.measure.across_mask import PARTS, AcrossMasks, look_across
+from edgetree.measure.constants.depth import SURFACE_M
 from edgetree.measure.constants.outlines import FORK_WIDTH, SAME_EDGE_SHARE, STEP_STD_PX
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame, MaskGrid
 from edgetree.measure.outline import Outline
 from edgetree.measure.regions import SearchRegions
 
-# A second stem shows in at least so many parts along the stem, and the one that is meant in so many.
-_MIN_TWO, _MIN_AGREEING = 2, 2
+# A second stem shows in so many parts along the stem at least. It makes a mask unclear from so many
+# on, as branches and brush show in fewer.
+_MIN_TWO, _MIN_UNCLEAR = 2, 3
 # A piece of a mask between gaps, and a gap, have at least so many samples across.
 _MIN_PIECE, _MIN_GAP = 3, 2
-# The width of a stem changes along its mask by these factors.
+# From the lowest to the highest part, the width of a stem changes by factors between these.
 _NARROWS, _WIDENS = 0.4, 1.3
 
 
@@ -34,19 +36,37 @@ class SecondStems(NamedTuple):
     unclear: Bool
 
 
+class _Pieces(NamedTuple):
+    """K pieces across the mask of a stem, each of which may be the stem in its part.
+
+    Attributes:
+        part: (K,) number of the part.
+        edges_px: (K, 2) left and right edge across the search region.
+        depth_m: (K,) distance of the piece; 0 where it is not known.
+        steps: (K, 2) whether its left and right edge is the step to a stem further away.
+        single: (K,) whether the part shows nothing else.
+    """
+
+    part: Index
+    edges_px: Float
+    depth_m: Float
+    steps: Bool
+    single: Bool
+
+
 class _Stem(NamedTuple):
     """The stem that is meant, in P parts of its mask.
 
     Attributes:
-        edges_px: (2, 2) value and slope of the lines along its left and right edge, across the
+        lines: (2, 2) value and slope of the lines along its left and right edge, across the
             search region by the position along it.
-        agreeing: (P,) parts in which these are its edges.
-        steps: (P, 2) whether the left and the right edge there is that to the other stem.
+        steps: (P, 2) whether the left and the right edge there is the step to a stem further away.
+        highest: Number of the highest part that it is seen in.
     """
 
-    edges_px: Float
-    agreeing: Bool
+    lines: Float
     steps: Bool
+    highest: int
 
 
 def without_second_stems(
@@ -63,109 +83,111 @@ def without_second_stems(
     Returns:
         The frame and the boxes without them, and which masks hold one.
     """
-    none = SecondStems(np.zeros(len(wanted), np.bool_), np.zeros(len(wanted), np.bool_))
+    second = SecondStems(np.zeros_like(wanted), np.zeros_like(wanted))
     if not wanted.any() or frame.masks is None:
-        return frame, boxes_px, none
+        return frame, boxes_px, second
     across = look_across(frame, outline)
+    parting = _parting(across)
     masks, boxes_px = list(frame.masks), boxes_px.copy()
-    for index in np.flatnonzero(wanted & _suspected(across)).tolist():
+    suspected = (across.two | parting).sum(1) >= _MIN_TWO
+    for index in np.flatnonzero(wanted & suspected).tolist():
         parts = AcrossMasks(*(part[index] for part in across))
         regions = SearchRegions(*(part[[index]] for part in outline.regions.arrays))
-        stem = _meant(parts, regions)
-        none.unclear[index], none.cut[index] = stem is None, stem is not None
-        if stem is not None:
+        stem = _meant(parts, parting[index], regions, frame.camera.fx)
+        if stem is None:
+            second.unclear[index] = parts.two.sum() >= _MIN_UNCLEAR
+            continue
+        above = (parts.two | parting[index])[stem.highest + 1 :].sum()
+        if stem.steps.any(1).sum() + above >= _MIN_TWO:
+            second.cut[index] = True
             masks[index] = _cut(masks[index], stem, regions)
             boxes_px[index] = _box(masks[index], boxes_px[index])
-    return replace(frame, masks=masks), boxes_px, none
+    return replace(frame, masks=masks), boxes_px, second
 
 
-def _suspected(across: AcrossMasks) -> Bool:
-    """(T,) whether masks may hold two stems: by the depth, or as they part above a fork."""
-    count = np.arange(len(across.seen))
-    lowest = across.half_px[count, across.seen.argmax(1)]
-    wide = across.seen & (across.half_px > FORK_WIDTH * lowest[:, None])
-    first = across.filled.argmax(2)[..., None]
-    last = across.filled.shape[2] - 1 - across.filled[..., ::-1].argmax(2)[..., None]
-    place = np.arange(across.filled.shape[2])
-    gaps = (~across.filled & (place > first) & (place < last)).sum(2) >= _MIN_GAP
-    return np.asarray((across.two | (wide & gaps)).sum(1) >= _MIN_TWO)
+def _parting(across: AcrossMasks) -> Bool:
+    """(T, P) where masks are wider than at their foot and have a gap, as above a fork."""
+    count, (_, parts, samples) = np.arange(len(across.seen)), across.filled.shape
+    lowest_px = across.half_px[count, across.seen.argmax(1)]
+    wide = across.seen & (across.half_px > FORK_WIDTH * lowest_px[:, None])
+    first = across.filled.argmax(2)
+    last = samples - across.filled[..., ::-1].argmax(2)
+    return np.asarray(wide & (last - first - across.filled.sum(2) >= _MIN_GAP))
 
 
-def _meant(parts: AcrossMasks, regions: SearchRegions) -> _Stem | None:
+def _meant(
+    parts: AcrossMasks, parting: Bool, regions: SearchRegions, focal_px: float
+) -> _Stem | None:
     """The stem that is meant: the nearer one, or that below a fork; None if two may be.
 
-    Pieces of the mask in two of its parts give straight lines along both edges. The best lines
-    are those of the most parts, from the foot on.
+    Its edges and its distance are straight lines along it, through two pieces. The best lines are
+    those that agree with pieces in the most parts. They begin at its foot, or where plants hide
+    that, they join parts that show one stem.
     """
     position = regions.stations_px.reshape(PARTS, -1).mean(1)
-    part, pieces, steps = _pieces(parts)
-    if not len(part):
-        return None
-    edges_px = parts.middle_px[part, None] + parts.half_px[part, None] * pieces
+    pieces = _pieces(parts, parting)
+    part, foot = pieces.part, np.isin(pieces.part, np.unique(pieces.part)[:2])
     first, second = np.nonzero(part[:, None] < part)
-    gaps = np.array([(~parts.filled[each]).any() for each in range(PARTS)])
-    single = ~(parts.two | gaps)[part]
-    foot = np.isin(part, np.unique(part)[:2])
-    kept = foot[first] | (single[first] & single[second])
+    kept = foot[first] | (pieces.single[first] & pieces.single[second])
     first, second = first[kept], second[kept]
-    slope = (edges_px[second] - edges_px[first]) / (position[part[second]] - position[part[first]])[
+    if not len(first):
+        return None
+    values = np.column_stack([pieces.edges_px, pieces.depth_m])
+    slope = (values[second] - values[first]) / (position[part[second]] - position[part[first]])[
         :, None
     ]
-    value = edges_px[first] - slope * position[part[first], None]
-    lines = value[:, None] + slope[:, None] * position[:, None]
-    width = lines[..., 1] - lines[..., 0]
-    change = width[:, -1] / np.maximum(width[:, 0], 1e-9)
-    plausible = (width > 0).all(1) & (change > _NARROWS) & (change < _WIDENS)
-    off = np.abs(edges_px - lines[:, part]).max(2)
-    agrees = off < SAME_EDGE_SHARE * width[:, part] + 1
-    # Without the foot, as where plants hide it, only parts with one stem tell.
-    agrees &= foot[first][:, None] | single
-    agreeing = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1)
-    score = np.where(
-        plausible,
-        agreeing.sum(1)
-        - np.where(agrees, off, 0).sum(1) / (1 + np.where(agrees, width[:, part], 0).sum(1)),
-        0,
+    lines = (
+        values[first, None]
+        + slope[:, None] * (position[part] - position[part[first], None])[..., None]
     )
-    if not len(score) or score.max() <= _MIN_AGREEING - 1:
-        return None
-    best = int(score.argmax())
-    own = agrees[best]
-    own_steps = np.zeros((PARTS, 2), np.bool_)
-    own_steps[part[own]] = steps[own]
-    lines_fit = np.array(
-        [np.polyfit(position[part[own]], edges_px[own, side], 1)[::-1] for side in (0, 1)]
-    )
-    # Two at the same distance.
-    lowest = int(part[own].min())
-    same = parts.two[lowest] and parts.behind[lowest] < 1
-    if same:
-        return None
-    return _Stem(lines_fit, agreeing[best], own_steps)
+    left, right, depth_m = np.moveaxis(lines, 2, 0)
+    width = np.maximum(right - left, 1e-9)
+    off_px = np.abs(pieces.edges_px - lines[..., :2]).max(2)
+    off_m = np.where(pieces.depth_m > 0, np.abs(pieces.depth_m - depth_m), 0.0)
+    within_m = width / 2 * np.maximum(depth_m, 0) / focal_px + SURFACE_M
+    agrees = (off_px < SAME_EDGE_SHARE * width + 1) & (off_m < within_m)
+    agrees &= foot[first][:, None] | pieces.single
+    ends = width[np.arange(len(first)), part.argmax()] / width[np.arange(len(first)), part.argmin()]
+    agrees &= ((right > left).all(1) & (ends > _NARROWS) & (ends < _WIDENS))[:, None]
+    number = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1).sum(1)
+    off = np.where(agrees, off_px / width, 0.0).mean(1)
+    best = int((number - off).argmax())
+    return None if number[best] < 2 else _through(pieces, agrees[best], parts, position)
 
 
-def _pieces(parts: AcrossMasks) -> tuple[Float, Float, Bool]:
-    """Pieces (K,) parts, (K, 2) edges in half widths, (K, 2) whether these are steps."""
-    found = []
+def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) -> _Stem | None:
+    """The stem of its `own` (K,) pieces; None if another is beside it at its foot."""
+    part = pieces.part[own]
+    lowest = int(part.min())
+    if parts.two[lowest] and parts.behind[lowest] < 1:
+        return None
+    steps = np.zeros((PARTS, 2), np.bool_)
+    steps[part] = pieces.steps[own]
+    slope, value = np.polyfit(position[part], pieces.edges_px[own], 1)
+    return _Stem(np.column_stack([value, slope]), steps, int(part.max()))
+
+
+def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:
+    """The pieces of a mask: the nearer of two stems, the pieces between gaps above a fork, or all."""
     samples = parts.filled.shape[1]
+    found = []
     for part in np.flatnonzero(parts.seen).tolist():
-        change = np.diff(np.concatenate([[0], parts.filled[part].astype(int), [0]]))
-        runs = np.stack([np.flatnonzero(change > 0), np.flatnonzero(change < 0)], 1)
-        whole = [
-            (2 * low / samples - 1, 2 * high / samples - 1)
-            for low, high in runs
-            if high - low >= _MIN_PIECE
-        ]
-        if len(whole) > 1 and not parts.two[part]:
-            whole.append((-1.0, 1.0))
-        for low, high in whole:
-            near_low, near_high = np.clip([low, high], *parts.near[part])
-            if near_high - near_low >= 2 * _MIN_PIECE / samples:
-                found.append((part, near_low, near_high, near_low > -1, near_high < 1))
-    if not found:
-        return np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2), bool)
-    values = np.array(found)
-    return values[:, 0].astype(np.intp), values[:, 1:3], values[:, 3:] > 0
+        ends = [0, samples]
+        if parting[part]:
+            ends = np.flatnonzero(np.diff(parts.filled[part], prepend=False, append=False)).tolist()
+        near_low, near_high = ((parts.near[part] + 1) * samples / 2).tolist()
+        for low, high in zip(ends[::2], ends[1::2], strict=True):
+            start, end = max(low, near_low), min(high, near_high)
+            if end - start >= _MIN_PIECE:
+                known = parts.depth_m[part, round(start) : round(end)]
+                depth_m = float(np.median(known[known > 0])) if (known > 0).any() else 0.0
+                single = not (parts.two[part] or parting[part])
+                found.append((part, start, end, depth_m, start > low, end < high, single))
+    values = np.array(found, np.float64).reshape(-1, 7)
+    part = values[:, 0].astype(np.intp)
+    places = values[:, 1:3] * 2 / samples - 1
+    edges_px = parts.middle_px[part, None] + parts.half_px[part, None] * places
+    return _Pieces(part, edges_px, values[:, 3], values[:, 4:6] > 0, values[:, 6] > 0)
 
 
 def _cut(mask: MaskGrid, stem: _Stem, regions: SearchRegions) -> MaskGrid:
@@ -182,12 +204,11 @@ def _cut(mask: MaskGrid, stem: _Stem, regions: SearchRegions) -> MaskGrid:
     across = x * regions.across[0, 0] + y * regions.across[0, 1]
     low, high = regions.span_px[0]
     part = np.clip(((along - low) / (high - low) * PARTS).astype(np.intp), 0, PARTS - 1)
-    left, right = (value + slope * along for value, slope in stem.edges_px)
+    left, right = (value + slope * along for value, slope in stem.lines)
     margin = np.where(stem.steps[part], 0.0, 0.25 * (right - left)[..., None])
     inside_px = np.minimum(across - left + margin[..., 0], right - across + margin[..., 1])
     kept = np.clip(0.5 + inside_px / max(mask.cell_px, 1e-6), 0.0, 1.0)
-    highest = int(np.flatnonzero(stem.agreeing).max())
-    kept[part > highest] = 0.0
+    kept[part > stem.highest] = 0.0
     return replace(
         mask,
         grid=np.minimum(mask.grid, kept.astype(np.float32)),
