@@ -43,7 +43,7 @@ _WITHIN, _BESIDE = 0.94, 1.3
 _MIN_STATIONS, _MIN_TOGETHER = 2, 4
 # Single places that differ from most of so many around them are left out.
 _AROUND = 5
-_MAD_TO_STD = 1.4826
+_MAD_TO_STD, _MEDIAN_VARIANCE = 1.4826, np.pi / 2
 _PRIOR = np.diag([1e-6, OVAL_TURN_STD**-2, OVAL_DEPTH_STD**-2])
 _PRIOR_RIGHT = np.array([0.0, 0.0, OVAL_DEPTH_STD**-2])
 
@@ -95,16 +95,18 @@ class _Profiles(NamedTuple):
         return masked_medians(self.depth_m, self.readings > 0)
 
     def together(self) -> _Profiles:
-        """The same (T, 1) of whole stems: that of their parts less their own depth."""
+        """The same (T, 1) of whole stems: medians of their parts, each less its own depth."""
         used = self.readings > 0
         level_m, known = self.level_m, used.any(2)
-        off_m = np.where(used, self.readings * (self.depth_m - level_m[..., None]), 0.0)
-        number = self.readings.sum(1, keepdims=True)
-        number = np.where(used.sum(1, keepdims=True) >= _MIN_TOGETHER, number, 0)
-        mean_m = np.where(known, level_m, 0.0).sum(1) / np.maximum(known.sum(1), 1)
-        depth_m = off_m.sum(1, keepdims=True) / np.maximum(number, 1) + mean_m[:, None, None]
-        middles = (masked_medians(each, known)[:, None] for each in (self.scatter_m, self.half_px))
-        return _Profiles(depth_m, number, *middles)
+        off_m = masked_medians(
+            np.moveaxis(self.depth_m - level_m[..., None], 1, 2), np.moveaxis(used, 1, 2)
+        )
+        number = self.readings.sum(1) * (used.sum(1) >= _MIN_TOGETHER) / _MEDIAN_VARIANCE
+        middles = (
+            masked_medians(each, known)[:, None] for each in (level_m, self.scatter_m, self.half_px)
+        )
+        middle_m, *others = middles
+        return _Profiles(off_m[:, None] + middle_m[..., None], number[:, None], *others)
 
 
 def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:

@@ -18,6 +18,8 @@ from edgetree.measure.regions import SearchRegions
 # A second stem shows in so many parts along the stem at least. It makes a mask unclear from so many
 # on, as branches and brush show in fewer.
 _MIN_TWO, _MIN_UNCLEAR = 2, 3
+# Where so many parts from the foot on show one stem, two above them are the arms of a fork.
+_MIN_TRUNK = 3
 # A piece of a mask between gaps, and a gap, have at least so many samples across.
 _MIN_PIECE, _MIN_GAP = 3, 2
 # From the lowest to the highest part, the width of a stem changes by factors between these.
@@ -43,14 +45,14 @@ class _Pieces(NamedTuple):
         part: (K,) number of the part.
         edges_px: (K, 2) left and right edge across the search region.
         depth_m: (K,) distance of the piece; 0 where it is not known.
-        steps: (K, 2) whether its left and right edge is the step to a stem further away.
+        inner: (K, 2) whether its left and right edge is not that of the mask.
         single: (K,) whether the part shows nothing else.
     """
 
     part: Index
     edges_px: Float
     depth_m: Float
-    steps: Bool
+    inner: Bool
     single: Bool
 
 
@@ -60,12 +62,12 @@ class _Stem(NamedTuple):
     Attributes:
         lines: (2, 2) value and slope of the lines along its left and right edge, across the
             search region by the position along it.
-        steps: (P, 2) whether the left and the right edge there is the step to a stem further away.
+        inner: (P, 2) whether the left and the right edge there is not that of the mask.
         highest: Number of the highest part that it is seen in.
     """
 
     lines: Float
-    steps: Bool
+    inner: Bool
     highest: int
 
 
@@ -97,8 +99,8 @@ def without_second_stems(
         if stem is None:
             second.unclear[index] = parts.two.sum() >= _MIN_UNCLEAR
             continue
-        above = (parts.two | parting[index])[stem.highest + 1 :].sum()
-        if stem.steps.any(1).sum() + above >= _MIN_TWO:
+        other = parts.two | parting[index]
+        if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
             second.cut[index] = True
             masks[index] = _cut(masks[index], stem, regions)
             boxes_px[index] = _box(masks[index], boxes_px[index])
@@ -151,7 +153,7 @@ def _meant(
     agrees &= ((right > left).all(1) & (ends > _NARROWS) & (ends < _WIDENS))[:, None]
     number = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1).sum(1)
     off = np.where(agrees, off_px / width, 0.0).mean(1)
-    best = int((number - off).argmax())
+    best = int((number + foot[first] - off).argmax())
     return None if number[best] < 2 else _through(pieces, agrees[best], parts, position)
 
 
@@ -161,10 +163,22 @@ def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) ->
     lowest = int(part.min())
     if parts.two[lowest] and parts.behind[lowest] < 1:
         return None
-    steps = np.zeros((PARTS, 2), np.bool_)
-    steps[part] = pieces.steps[own]
+    below = _single_below(pieces)
+    if below >= _MIN_TRUNK:
+        own = own & (pieces.part < below)
+        part = pieces.part[own]
+    if len(np.unique(part)) < 2:
+        return None
+    inner = np.zeros((PARTS, 2), np.bool_)
+    inner[part] = pieces.inner[own]
     slope, value = np.polyfit(position[part], pieces.edges_px[own], 1)
-    return _Stem(np.column_stack([value, slope]), steps, int(part.max()))
+    return _Stem(np.column_stack([value, slope]), inner, int(part.max()))
+
+
+def _single_below(pieces: _Pieces) -> int:
+    """How many parts from the foot on show one stem only, if others above show two."""
+    other = pieces.part[~pieces.single]
+    return int(other.min()) if len(other) else 0
 
 
 def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:
@@ -182,7 +196,7 @@ def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:
                 known = parts.depth_m[part, round(start) : round(end)]
                 depth_m = float(np.median(known[known > 0])) if (known > 0).any() else 0.0
                 single = not (parts.two[part] or parting[part])
-                found.append((part, start, end, depth_m, start > low, end < high, single))
+                found.append((part, start, end, depth_m, start > 0, end < samples, single))
     values = np.array(found, np.float64).reshape(-1, 7)
     part = values[:, 0].astype(np.intp)
     places = values[:, 1:3] * 2 / samples - 1
@@ -205,7 +219,7 @@ def _cut(mask: MaskGrid, stem: _Stem, regions: SearchRegions) -> MaskGrid:
     low, high = regions.span_px[0]
     part = np.clip(((along - low) / (high - low) * PARTS).astype(np.intp), 0, PARTS - 1)
     left, right = (value + slope * along for value, slope in stem.lines)
-    margin = np.where(stem.steps[part], 0.0, 0.25 * (right - left)[..., None])
+    margin = np.where(stem.inner[part], 0.0, 0.25 * (right - left)[..., None])
     inside_px = np.minimum(across - left + margin[..., 0], right - across + margin[..., 1])
     kept = np.clip(0.5 + inside_px / max(mask.cell_px, 1e-6), 0.0, 1.0)
     kept[part > stem.highest] = 0.0

@@ -90,10 +90,10 @@ readings are the same. Source: fitted (inclination-network)."""
 
 # Two stems in one mask, by the depth across it
 
-MIN_GAIN: Final = 12.0
+MIN_GAIN: Final = 8.0
 """Two stems explain the depth across a mask if they lower its sum of squares by so much: they have
 four unknowns more, and the place of the step is searched for.
-Source: chosen on ray-traced scenes, single stems stay below 8."""
+Source: chosen on ray-traced scenes, single stems stay below 6."""
 
 OVAL_TURN_STD: Final = 0.1
 """Standard deviation of the depth at the edges of a stem from that of a circle, in radii: one edge of
