@@ -18,6 +18,7 @@ from calib.directions import unit
 from edgetree.measure.constants.depth import (
     BARK_STD_M,
     MIN_GAIN,
+    NOISE_PRIOR_READINGS,
     OUTLIER_STDS,
     OVAL_DEPTH_STD,
     OVAL_TURN_STD,
@@ -186,10 +187,15 @@ def _ahead_m(frame: DepthFrame, xy_px: Float, middle_px: Float) -> Float:
 
 
 def _noise_m(frame: DepthFrame, profiles: _Profiles) -> Float:
-    """(T, P) standard deviation of a reading: the assumed one, or the scatter if that is larger."""
+    """(T, P) standard deviation of a reading: the assumed one, adjusted to the scatter.
+
+    The assumed one counts as `NOISE_PRIOR_READINGS` readings.
+    """
     settings, level_m = frame.settings, profiles.level_m
     assumed_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
-    return np.maximum(assumed_m, profiles.scatter_m)
+    number = (profiles.readings > 0).sum(2)
+    squares = NOISE_PRIOR_READINGS * assumed_m**2 + number * profiles.scatter_m**2
+    return np.asarray(np.sqrt(squares / (NOISE_PRIOR_READINGS + number)))
 
 
 def _goes_on(frame: DepthFrame, profiles: _Profiles, near: Float, beside_m: Float) -> Bool:

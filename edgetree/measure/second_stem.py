@@ -9,7 +9,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from edgetree.measure.across_mask import PARTS, AcrossMasks, look_across
-from edgetree.measure.constants.depth import SURFACE_M
+from edgetree.measure.constants.depth import SIDE_BY_SIDE_RADII, SURFACE_M
 from edgetree.measure.constants.outlines import FORK_WIDTH, SAME_EDGE_SHARE, STEP_STD_PX
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame, MaskGrid
 from edgetree.measure.outline import Outline
@@ -18,12 +18,10 @@ from edgetree.measure.regions import SearchRegions
 # A second stem shows in so many parts along the stem at least. It makes a mask unclear from so many
 # on, as branches and brush show in fewer.
 _MIN_TWO, _MIN_UNCLEAR = 2, 3
-# Where so many parts from the foot on show one stem, two above them are the arms of a fork.
-_MIN_TRUNK = 3
 # A piece of a mask between gaps, and a gap, have at least so many samples across.
 _MIN_PIECE, _MIN_GAP = 3, 2
 # From the lowest to the highest part, the width of a stem changes by factors between these.
-_NARROWS, _WIDENS = 0.4, 1.3
+_NARROWS, _WIDENS = 0.6, 1.3
 
 
 class SecondStems(NamedTuple):
@@ -125,6 +123,12 @@ def _meant(
     Its edges and its distance are straight lines along it, through two pieces. The best lines are
     those that agree with pieces in the most parts. They begin at its foot, or where plants hide
     that, they join parts that show one stem.
+
+    Args:
+        parts: What shows across its mask, (P, ...) arrays.
+        parting: (P,) where the mask parts above a fork.
+        regions: The search region of this stem.
+        focal_px: Focal length.
     """
     position = regions.stations_px.reshape(PARTS, -1).mean(1)
     pieces = _pieces(parts, parting)
@@ -134,51 +138,70 @@ def _meant(
     first, second = first[kept], second[kept]
     if not len(first):
         return None
-    values = np.column_stack([pieces.edges_px, pieces.depth_m])
-    slope = (values[second] - values[first]) / (position[part[second]] - position[part[first]])[
-        :, None
-    ]
-    lines = (
-        values[first, None]
-        + slope[:, None] * (position[part] - position[part[first], None])[..., None]
-    )
-    left, right, depth_m = np.moveaxis(lines, 2, 0)
-    width = np.maximum(right - left, 1e-9)
-    off_px = np.abs(pieces.edges_px - lines[..., :2]).max(2)
-    off_m = np.where(pieces.depth_m > 0, np.abs(pieces.depth_m - depth_m), 0.0)
-    within_m = width / 2 * np.maximum(depth_m, 0) / focal_px + SURFACE_M
-    agrees = (off_px < SAME_EDGE_SHARE * width + 1) & (off_m < within_m)
+    agrees, off = _agreeing(pieces, position[part], first, second, focal_px)
     agrees &= foot[first][:, None] | pieces.single
-    ends = width[np.arange(len(first)), part.argmax()] / width[np.arange(len(first)), part.argmin()]
-    agrees &= ((right > left).all(1) & (ends > _NARROWS) & (ends < _WIDENS))[:, None]
-    number = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1).sum(1)
-    off = np.where(agrees, off_px / width, 0.0).mean(1)
-    best = int((number + foot[first] - off).argmax())
-    return None if number[best] < 2 else _through(pieces, agrees[best], parts, position)
+    inside = np.stack([(agrees & (part == each)).any(1) for each in range(PARTS)], 1)
+    number = inside.sum(1) + inside[:, part.min()]
+    own = agrees[int((number - off).argmax())]
+    other = part[~pieces.single]
+    trunk = part < (other.min() if len(other) else 0)
+    if (own & ~pieces.single).any() and _disagrees(part, trunk, own):
+        own = trunk
+    return _through(pieces, own, parts, position)
+
+
+def _agreeing(
+    pieces: _Pieces, position: Float, first: Index, second: Index, focal_px: float
+) -> tuple[Bool, Float]:
+    """Compare K pieces with the lines through L pairs of them.
+
+    Args:
+        pieces: The pieces.
+        position: (K,) their places along the stem.
+        first, second: (L,) numbers of the pieces of each pair.
+        focal_px: Focal length.
+
+    Returns:
+        (L, K) which pieces lie on the lines, and (L,) how far they are off, in widths of the stem.
+    """
+    values = np.column_stack([pieces.edges_px, pieces.depth_m])
+    slope = (values[second] - values[first]) / (position[second] - position[first])[:, None]
+    along = (position - position[first, None])[..., None]
+    left, right, depth_m = np.moveaxis(values[first, None] + slope[:, None] * along, 2, 0)
+    width = np.maximum(right - left, 1e-9)
+    off_px = np.maximum(np.abs(values[:, 0] - left), np.abs(values[:, 1] - right))
+    off_m = np.where(values[:, 2] > 0, np.abs(values[:, 2] - depth_m), 0.0)
+    within_m = width / 2 * np.maximum(depth_m, 0.0) / focal_px + SURFACE_M
+    agrees = (off_px < SAME_EDGE_SHARE * width + 1) & (off_m < within_m)
+    change = width[:, position.argmax()] / width[:, position.argmin()]
+    plausible = (right > left).all(1) & (change > _NARROWS) & (change < _WIDENS)
+    agrees &= plausible[:, None]
+    return agrees, np.where(agrees, off_px / width, 0.0).mean(1)
+
+
+def _disagrees(part: Index, trunk: Bool, own: Bool) -> bool:
+    """Whether two or more parts of the trunk below a fork show, and not all are the stem's own.
+
+    Args:
+        part: (K,) parts of pieces.
+        trunk, own: (K,) which of them are the trunk and the stem that was found.
+    """
+    below = np.unique(part[trunk])
+    return len(below) > 1 and len(np.unique(part[trunk & own])) < len(below)
 
 
 def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) -> _Stem | None:
     """The stem of its `own` (K,) pieces; None if another is beside it at its foot."""
     part = pieces.part[own]
-    lowest = int(part.min())
-    if parts.two[lowest] and parts.behind[lowest] < 1:
-        return None
-    below = _single_below(pieces)
-    if below >= _MIN_TRUNK:
-        own = own & (pieces.part < below)
-        part = pieces.part[own]
     if len(np.unique(part)) < 2:
+        return None
+    lowest = int(part.min())
+    if parts.two[lowest] and parts.behind[lowest] < SIDE_BY_SIDE_RADII:
         return None
     inner = np.zeros((PARTS, 2), np.bool_)
     inner[part] = pieces.inner[own]
     slope, value = np.polyfit(position[part], pieces.edges_px[own], 1)
     return _Stem(np.column_stack([value, slope]), inner, int(part.max()))
-
-
-def _single_below(pieces: _Pieces) -> int:
-    """How many parts from the foot on show one stem only, if others above show two."""
-    other = pieces.part[~pieces.single]
-    return int(other.min()) if len(other) else 0
 
 
 def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:

@@ -111,6 +111,7 @@ def single_crude(rng: np.random.Generator) -> Readings:
     mask = (frame.owner == 1).astype(np.uint8)
     change = (cv2.dilate, cv2.erode)[rng.integers(2)]
     mask = change(mask, np.ones((2 * size_px + 1, 2 * size_px + 1), np.uint8))
+    mask = mask if mask.any() else (frame.owner == 1).astype(np.uint8)
     moved = np.roll(mask, int(rng.integers(-4, 5)), 1) if rng.random() < 0.5 else mask
     return _measured(rng, frame, moved > 0, False)
 

@@ -95,6 +95,10 @@ MIN_GAIN: Final = 8.0
 four unknowns more, and the place of the step is searched for.
 Source: chosen on ray-traced scenes, single stems stay below 6."""
 
+SIDE_BY_SIDE_RADII: Final = 1.0
+"""Neither of two stems is meant if the axis of one is behind that of the other by less than so many
+radii of this. Source: chosen by hand, none hides the other then."""
+
 OVAL_TURN_STD: Final = 0.1
 """Standard deviation of the depth at the edges of a stem from that of a circle, in radii: one edge of
 an oval stem may be nearer than the other. Source: bound, axes of 1 to 1.2 seen askew."""

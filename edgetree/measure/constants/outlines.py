@@ -64,7 +64,7 @@ Source: chosen by hand, a little below `MAX_RELATIVE_STD`."""
 
 # Masks that hold more than one stem
 
-SAME_EDGE_SHARE: Final = 0.15
+SAME_EDGE_SHARE: Final = 0.1
 """Edges of the stem that is meant are within this share of its width of straight lines along it.
 Source: chosen by hand, arms of a fork are further off."""
 
