@@ -2,8 +2,8 @@
 
 Across its axis a stem is round or oval. Between the rays that touch it, the front of any ellipse
 has the depth `c + a u - b sqrt(1 - u²)`, where u is -1 and 1 at its edges: an affine map turns a
-circle into an ellipse and keeps its tangents. It is linear in c, a and b, so each shape is fitted by least
-squares, with the ovality of stems as a prior on a and b.
+circle into an ellipse and keeps its tangents. It is linear in c, a and b, so each shape is fitted
+by least squares, with the ovality of stems as a prior on a and b.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ PARTS = 6
 # between both may mix them.
 _SAMPLES, _MIN_SAMPLES = 24, 4
 _ACROSS = (np.arange(_SAMPLES) + 0.5) * 2 / _SAMPLES - 1
-# Beyond this a pixel may mix the stem and what is behind it. Outside, the depth is read at two more.
+# Beyond the first of these a pixel may mix stem and background. Beside the mask, the depth
+# is read at the second.
 _WITHIN, _BESIDE = 0.94, 1.3
 # A place needs readings at so many of a part's stations, and all parts together so many parts.
 _MIN_STATIONS, _MIN_TOGETHER = 2, 4
@@ -178,9 +179,14 @@ def _profiles(parts_m: Float, filled: Bool, half_px: Float) -> _Profiles:
 
 
 def _ahead_m(frame: DepthFrame, xy_px: Float, middle_px: Float) -> Float:
-    """Distance (T, S, N) of readings at (T, S, N, 2) px, along the rays to the middles (T, S, 1, 2).
+    """Distances (T, S, N) of readings along the view of the stem.
 
     In depth along the optical axis, stems beside that axis look nearer on one side.
+
+    Args:
+        frame: Depth and camera.
+        xy_px: (T, S, N, 2) places of the readings.
+        middle_px: (T, S, 1, 2) middles of the stems.
     """
     rays, depth_m = frame.readings(xy_px)
     return np.asarray(np.vecdot(rays, unit(frame.rays(middle_px))) * depth_m)
@@ -199,10 +205,17 @@ def _noise_m(frame: DepthFrame, profiles: _Profiles) -> Float:
 
 
 def _goes_on(frame: DepthFrame, profiles: _Profiles, near: Float, beside_m: Float) -> Bool:
-    """(T, P) whether the nearer of two goes on beside the mask, at depths (T, P, 2) left and right."""
+    """(T, P) whether the nearer of two goes on beside the mask.
+
+    Args:
+        frame: Settings.
+        profiles: Depth across the stems.
+        near: (T, P, 2) edges of the nearer one.
+        beside_m: (T, P, 2) depth to the left and to the right of the mask; 0 where there is none.
+    """
     on_left = near[..., :1] == -1
     beside_m = np.where(on_left, beside_m[..., :1], beside_m[..., 1:])[..., 0]
-    own = (near[..., :1] < _ACROSS) & (_ACROSS < near[..., 1:]) & (profiles.readings > 0)
+    own = (near[..., :1] < _ACROSS) & (near[..., 1:] > _ACROSS) & (profiles.readings > 0)
     own_m = masked_medians(profiles.depth_m, own)
     within_m = SURFACE_STDS * _noise_m(frame, profiles) + SURFACE_M
     return np.asarray((beside_m > 0) & (np.abs(beside_m - own_m) < within_m))

@@ -1,4 +1,4 @@
-"""Cut a second stem out of the mask of the one that is meant, or say that none is told from it."""
+"""Cut a second stem out of the mask of the one that is meant, or say that both may be meant."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame, MaskGrid
 from edgetree.measure.outline import Outline
 from edgetree.measure.regions import SearchRegions
 
-# A second stem shows in so many parts along the stem at least. It makes a mask unclear from so many
-# on, as branches and brush show in fewer.
-_MIN_TWO, _MIN_UNCLEAR = 2, 3
+# A second stem shows in so many parts along the stem at least, the one that is meant in so many.
+_MIN_TWO, _MIN_AGREEING = 2, 3
+# Where so many parts from the foot on show one stem, two above them are taken for arms of a fork.
+_MIN_TRUNK = 2
 # A piece of a mask between gaps, and a gap, have at least so many samples across.
 _MIN_PIECE, _MIN_GAP = 3, 2
 # From the lowest to the highest part, the width of a stem changes by factors between these.
@@ -95,7 +96,7 @@ def without_second_stems(
         regions = SearchRegions(*(part[[index]] for part in outline.regions.arrays))
         stem = _meant(parts, parting[index], regions, frame.camera.fx)
         if stem is None:
-            second.unclear[index] = parts.two.sum() >= _MIN_UNCLEAR
+            second.unclear[index] = parts.two.sum() >= _MIN_TWO
             continue
         other = parts.two | parting[index]
         if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
@@ -107,7 +108,7 @@ def without_second_stems(
 
 def _parting(across: AcrossMasks) -> Bool:
     """(T, P) where masks are wider than at their foot and have a gap, as above a fork."""
-    count, (_, parts, samples) = np.arange(len(across.seen)), across.filled.shape
+    count, samples = np.arange(len(across.seen)), across.filled.shape[2]
     lowest_px = across.half_px[count, across.seen.argmax(1)]
     wide = across.seen & (across.half_px > FORK_WIDTH * lowest_px[:, None])
     first = across.filled.argmax(2)
@@ -122,7 +123,8 @@ def _meant(
 
     Its edges and its distance are straight lines along it, through two pieces. The best lines are
     those that agree with pieces in the most parts. They begin at its foot, or where plants hide
-    that, they join parts that show one stem.
+    that, they join parts that show one stem. Arms of a fork may go on where its trunk ends, so the
+    stem ends there.
 
     Args:
         parts: What shows across its mask, (P, ...) arrays.
@@ -145,8 +147,11 @@ def _meant(
     own = agrees[int((number - off).argmax())]
     other = part[~pieces.single]
     trunk = part < (other.min() if len(other) else 0)
-    if (own & ~pieces.single).any() and _disagrees(part, trunk, own):
-        own = trunk
+    if (own & ~pieces.single).any():
+        if len(np.unique(part[trunk])) >= _MIN_TRUNK:
+            own = trunk
+        elif not own[part == part.min()].any() or len(np.unique(part[own])) < _MIN_AGREEING:
+            return None
     return _through(pieces, own, parts, position)
 
 
@@ -179,17 +184,6 @@ def _agreeing(
     return agrees, np.where(agrees, off_px / width, 0.0).mean(1)
 
 
-def _disagrees(part: Index, trunk: Bool, own: Bool) -> bool:
-    """Whether two or more parts of the trunk below a fork show, and not all are the stem's own.
-
-    Args:
-        part: (K,) parts of pieces.
-        trunk, own: (K,) which of them are the trunk and the stem that was found.
-    """
-    below = np.unique(part[trunk])
-    return len(below) > 1 and len(np.unique(part[trunk & own])) < len(below)
-
-
 def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) -> _Stem | None:
     """The stem of its `own` (K,) pieces; None if another is beside it at its foot."""
     part = pieces.part[own]
@@ -205,7 +199,12 @@ def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) ->
 
 
 def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:
-    """The pieces of a mask: the nearer of two stems, the pieces between gaps above a fork, or all."""
+    """The pieces of a mask: the nearer of two stems, those between gaps above a fork, or all of it.
+
+    Args:
+        parts: What shows across the mask, (P, ...) arrays.
+        parting: (P,) where it parts above a fork.
+    """
     samples = parts.filled.shape[1]
     found = []
     for part in np.flatnonzero(parts.seen).tolist():

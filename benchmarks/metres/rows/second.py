@@ -1,4 +1,4 @@
-"""Masks that hold more than one stem: one behind, beside or across, forks; and single ones alike."""
+"""Masks that hold more than one stem: behind, beside or across, and forks; single ones too."""
 
 from __future__ import annotations
 
