@@ -8,10 +8,11 @@ by least squares, with the ovality of stems as a prior on a and b.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from basetree.arrays import Bool, Float, Index
 from calib.directions import unit
@@ -99,7 +100,7 @@ class _Profiles(NamedTuple):
     def together(self) -> _Profiles:
         """The same (T, 1) of whole stems: medians of their parts, each less its own depth."""
         used = self.readings > 0
-        level_m, known = self.level_m, used.any(2)
+        level_m, known = self.level_m, np.asarray(used.any(2))
         off_m = masked_medians(
             np.moveaxis(self.depth_m - level_m[..., None], 1, 2), np.moveaxis(used, 1, 2)
         )
@@ -265,7 +266,7 @@ def _compared(depth: Float, weight: Float) -> tuple[Bool, Float, Float]:
     return two, near, behind
 
 
-def _parts(values: Float | Bool) -> Float:
+def _parts(values: NDArray[Any]) -> NDArray[Any]:
     """(T, P, N, S / P) values (T, S, N) in parts of the stem."""
     count, _, samples = values.shape
     return values.reshape(count, PARTS, -1, samples).swapaxes(2, 3)

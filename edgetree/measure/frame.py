@@ -214,7 +214,7 @@ class DepthFrame:
         else:
             smallest = settings.mask_std_px * reference_px(self.camera.width)
             own_px = np.hypot(smallest, settings.mask_spread * cells)
-        return np.hypot(own_px, [mask.edge_std_px for mask in masks])
+        return np.asarray(np.hypot(own_px, [mask.edge_std_px for mask in masks]))
 
     def rays(self, xy_px: Float) -> Float:
         """Rays (..., 3) with z = 1 through image points (..., 2)."""

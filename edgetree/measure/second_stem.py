@@ -207,18 +207,20 @@ def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:
     """
     samples = parts.filled.shape[1]
     found = []
-    for part in np.flatnonzero(parts.seen).tolist():
+    for number in np.flatnonzero(parts.seen).tolist():
         ends = [0, samples]
-        if parting[part]:
-            ends = np.flatnonzero(np.diff(parts.filled[part], prepend=False, append=False)).tolist()
-        near_low, near_high = ((parts.near[part] + 1) * samples / 2).tolist()
+        if parting[number]:
+            ends = np.flatnonzero(
+                np.diff(parts.filled[number], prepend=False, append=False)
+            ).tolist()
+        near_low, near_high = ((parts.near[number] + 1) * samples / 2).tolist()
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             start, end = max(low, near_low), min(high, near_high)
             if end - start >= _MIN_PIECE:
-                known = parts.depth_m[part, round(start) : round(end)]
+                known = parts.depth_m[number, round(start) : round(end)]
                 depth_m = float(np.median(known[known > 0])) if (known > 0).any() else 0.0
-                single = not (parts.two[part] or parting[part])
-                found.append((part, start, end, depth_m, start > 0, end < samples, single))
+                single = not (parts.two[number] or parting[number])
+                found.append((number, start, end, depth_m, start > 0, end < samples, single))
     values = np.array(found, np.float64).reshape(-1, 7)
     part = values[:, 0].astype(np.intp)
     places = values[:, 1:3] * 2 / samples - 1
