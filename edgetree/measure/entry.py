@@ -20,9 +20,10 @@ from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.ground_cover import noise_factor
-from edgetree.measure.observations import observe_stems
+from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.rig_uncertainty import RigUncertainty
+from edgetree.measure.second_stem import without_second_stems
 from edgetree.measure.section import StemAxes, fit_axes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import fit_stems
@@ -141,8 +142,8 @@ def _measure_all(
 
 def _fitted(view: View, up: Float | None) -> FittedFrame:
     """Observe and fit the stems of a view; `up` (3,) is in the camera's axes."""
-    frame, settings = view.frame, view.frame.settings
-    observed = observe_stems(frame, view.boxes_px, view.keypoints)
+    settings = view.frame.settings
+    frame, observed = _observe(view)
     vertical = frame.from_camera(np.array(CAMERA_UP) if up is None else up)
     up_std_rad = np.radians(CAMERA_UP_STD_DEG) if up is None else frame.rig.vertical_rad
     lean_std_rad = float(np.hypot(np.radians(settings.lean_std_deg), up_std_rad))
@@ -155,6 +156,19 @@ def _fitted(view: View, up: Float | None) -> FittedFrame:
         stems=stems,
         roll_std_rad=roll_std_rad,
     )
+
+
+def _observe(view: View) -> tuple[DepthFrame, StemObservations]:
+    """Observe the stems of a view, without second ones in the same masks."""
+    frame, keypoints = view.frame, view.keypoints
+    observed = observe_stems(frame, view.boxes_px, keypoints)
+    if observed.outline is None:
+        return frame, observed
+    wanted = ~keypoints.has_section
+    frame, boxes_px, second = without_second_stems(frame, view.boxes_px, observed.outline, wanted)
+    if second.cut.any():
+        observed = observe_stems(frame, boxes_px, keypoints)
+    return frame, replace(observed, second=second)
 
 
 def _verticals(

@@ -55,7 +55,10 @@ def gather_evidence(
         valid_depth_share=observed.valid_depth_fraction.item(index),
         visible_share=None if outline is None else outline.visible_fraction.item(index),
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
-        warnings=warnings + _disagreement(diameters, stds) + _depth_warnings(observed, index),
+        warnings=warnings
+        + _disagreement(diameters, stds)
+        + _second_stem(observed, index)
+        + _depth_warnings(observed, index),
         distance_at=place,
     )
 
@@ -101,6 +104,16 @@ def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[
     if abs(keypoints_m - mask_m) <= MAX_DISAGREEMENT_STDS * std_m:
         return ()
     return (f"keypoints and mask disagree: {keypoints_m:.2f} m and {mask_m:.2f} m",)
+
+
+def _second_stem(observed: StemObservations, index: int) -> tuple[str, ...]:
+    """A warning if a second stem was cut out of the mask."""
+    if observed.second is None or not observed.second.cut[index]:
+        return ()
+    return (
+        "the mask shows more than one stem: the nearer one, or that below a fork, is measured by"
+        " its own edges",
+    )
 
 
 def _depth_warnings(observed: StemObservations, index: int) -> tuple[str, ...]:

@@ -92,6 +92,9 @@ class FittedFrame:
                 "no depth on the stem: what has depth within its outline may be a branch, netting"
                 " or another thing in front"
             )
+        second = self.observed.second
+        if second is not None and second.unclear[index]:
+            return "the mask shows more than one stem, and nothing tells which one is meant"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):

@@ -30,11 +30,15 @@ class MaskGrid:
         grid: (rows, columns) float32 probabilities.
         box_px: (4,) x0, y0, x1, y1 of the box in the image.
         finer: Cells per cell of the mask that this one is resampled from.
+        whole: The mask that this one is cut out of, as it holds another stem too.
+        edge_std_px: Standard deviation of an edge that comes from this.
     """
 
     grid: Float32
     box_px: Float
     finer: int = 1
+    whole: MaskGrid | None = None
+    edge_std_px: float = 0.0
 
     @classmethod
     def from_image(cls, mask: Bool) -> MaskGrid:
@@ -153,7 +157,8 @@ class DepthFrame:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px[..., 0].size, np.bool_)
         x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
-        for mask in self.masks or ():
+        for cut in self.masks or ():
+            mask = cut.whole or cut
             x0, y0, x1, y1 = mask.box_px.tolist()
             (wide, left), (high, top) = mask.to_cells
             near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
@@ -202,11 +207,14 @@ class DepthFrame:
 
     def mask_std_px(self) -> Float:
         """(T,) standard deviation of an edge of each mask, in pixels."""
-        cells = np.array([mask.cell_px for mask in self.masks or ()])
+        masks, settings = self.masks or (), self.settings
+        cells = np.array([mask.cell_px for mask in masks])
         if self.masks_given:
-            return np.full_like(cells, self.settings.given_mask_std_px)
-        smallest = self.settings.mask_std_px * reference_px(self.camera.width)
-        return np.hypot(smallest, self.settings.mask_spread * cells)
+            own_px = np.full_like(cells, settings.given_mask_std_px)
+        else:
+            smallest = settings.mask_std_px * reference_px(self.camera.width)
+            own_px = np.hypot(smallest, settings.mask_spread * cells)
+        return np.asarray(np.hypot(own_px, [mask.edge_std_px for mask in masks]))
 
     def rays(self, xy_px: Float) -> Float:
         """Rays (..., 3) with z = 1 through image points (..., 2)."""

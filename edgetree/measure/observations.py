@@ -19,6 +19,7 @@ from edgetree.measure.layers import own_readings
 from edgetree.measure.outline import Outline, trace_outline
 from edgetree.measure.regions import OUTWARDS, STATIONS, SearchRegions
 from edgetree.measure.search_regions import find_regions
+from edgetree.measure.second_stem import SecondStems
 from edgetree.measure.stem_fit import Readings
 from edgetree.measure.width import StemEdges
 
@@ -45,6 +46,7 @@ class StemObservations:
             things in front.
         plausible_depth: (T,) whether these readings can be the stem's, see `OwnReadings`.
         doubtful_depth: (T,) whether they may be of something in front.
+        second: Which masks hold a second stem, if that is known.
     """
 
     outline: Outline | None
@@ -56,6 +58,7 @@ class StemObservations:
     valid_depth_fraction: Float
     plausible_depth: Bool
     doubtful_depth: Bool
+    second: SecondStems | None = None
 
 
 def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> StemObservations:

@@ -35,6 +35,7 @@ class Outline:
     Attributes:
         regions: Search regions.
         edges_px: (2, T, S) positions of the left and right edges across the region.
+        found: (2, T, S) where they were found.
         valid: (2, T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
         std_px: (T,) standard deviation of an edge.
@@ -45,6 +46,7 @@ class Outline:
 
     regions: SearchRegions
     edges_px: Float
+    found: Bool
     valid: Bool
     visible_fraction: Float
     std_px: Float
@@ -119,6 +121,7 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     return Outline(
         regions=regions,
         edges_px=edges_px,
+        found=found,
         valid=lines.agreeing,
         visible_fraction=seen.mean(1),
         std_px=std_px,

@@ -60,6 +60,34 @@ SEVERAL_STEMS_STDS: Final = 3.0
 """So many standard deviations the score has to be above 0.
 Source: bound, noise exceeds it once in 370 times."""
 
+# Two stems in one mask, by the depth across it
+
+MIN_GAIN: Final = 8.0
+"""Two stems explain the depth across a mask if they lower its sum of squares by so much: they have
+four unknowns more, and the place of the step is searched for.
+Source: chosen on ray-traced scenes, single stems stay below 6."""
+
+SIDE_BY_SIDE_RADII: Final = 1.0
+"""Neither of two stems is meant if the axis of one is behind that of the other by less than so many
+radii of this. Source: chosen by hand, none hides the other then."""
+
+OVAL_TURN_STD: Final = 0.1
+"""Standard deviation of the depth at the edges of a stem from that of a circle, in radii: one edge
+of an oval stem may be nearer than the other. Source: bound, axes of 1 to 1.2 seen askew."""
+
+OVAL_DEPTH_STD: Final = 0.3
+"""The same of its middle. Source: chosen, depth cameras also flatten stems."""
+
+SHAPE_STD: Final = 0.04
+"""Standard deviation of what is left, in half widths of the mask. Source: chosen by hand."""
+
+BARK_STD_M: Final = 0.01
+"""Standard deviation of the depth by bark. Source: bound, bark is less deep."""
+
+OUTLIER_STDS: Final = 3.0
+"""A larger distance from the shape counts as this.
+Source: bound, noise exceeds it once in 370 times."""
+
 # The fit of distance and tilt
 
 NOISE_PRIOR_READINGS: Final = 8.0

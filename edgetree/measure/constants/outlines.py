@@ -62,6 +62,20 @@ MAX_INCOMPLETE_STD: Final = 0.45
 """Largest relative standard deviation by both doubts.
 Source: chosen by hand, a little below `MAX_RELATIVE_STD`."""
 
+# Masks that hold more than one stem
+
+SAME_EDGE_SHARE: Final = 0.1
+"""Edges of the stem that is meant are within this share of its width of straight lines along it.
+Source: chosen by hand, arms of a fork are further off."""
+
+FORK_WIDTH: Final = 1.25
+"""Above a fork, a mask with a gap is so many times as wide as at its foot.
+Source: chosen by hand, what hides the middle of a stem does not widen it."""
+
+STEP_STD_PX: Final = 1.5
+"""Standard deviation of an edge between two stems, which the depth alone shows.
+Source: bound, matching in a stereo camera moves edges by a pixel."""
+
 # Sides of the image. Distances in px are of an image of 1280 px width.
 
 GIVEN_BORDER_PX: Final = 1.0
