@@ -71,6 +71,7 @@ class _Inputs:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
+        from edgetree.sources.files import depth_alone
         from edgetree.sources.videos import is_video
 
         if image.is_dir() or is_video(image):
@@ -79,7 +80,7 @@ class _Inputs:
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        if self.mask is not None and self.depth is None:
+        if self.mask is not None and self.depth is None and depth_alone(image) is None:
             raise InputError("--mask given without --depth: expected the depth image to measure in")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
@@ -100,7 +101,7 @@ class _Inputs:
         from edgetree.frames.pipeline import measure_frame, process
         from edgetree.sources import open_source
 
-        takes_depth = detector is not None and detector.manifest.takes_depth
+        takes_depth = detector is None or detector.manifest.takes_depth
         if self.depth is None and not takes_depth:
             raise InputError("--depth is missing: expected the depth image to measure in")
         (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
@@ -109,8 +110,9 @@ class _Inputs:
         if detector is not None:
             return process(frame, detector, rig, settings)
         assert self.mask is not None
-        assert frame.image is not None
-        height, width = frame.image.shape[:2]
+        picture = frame.depth_m if frame.image is None else frame.image
+        assert picture is not None
+        height, width = picture.shape[:2]
         return measure_frame(frame, read_masks(self.mask, (width, height)), rig, settings)
 
 
@@ -160,8 +162,9 @@ def measure(
     """
     from basetree.errors import InputError
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import note_files, unlike_words
+    from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
     from edgetree.results.text_table import table_lines
+    from edgetree.sources.files import depth_alone
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
     if shards.are_given and mask is not None:
@@ -178,7 +181,7 @@ def measure(
             **rig_options.files(camera),
         },
     )
-    model = model_for(inputs.model, depth)
+    model = model_for(inputs.model, depth or depth_alone(image))
     if shards.are_given:
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
@@ -200,7 +203,7 @@ def measure(
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
-    for line in filter(None, (result.scaling, result.turning)):
+    for line in filter(None, (result.scaling, result.turning, kind_of_depth_words([result], rig))):
         note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)

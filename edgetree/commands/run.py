@@ -207,11 +207,11 @@ def run(
     from edgetree.frames.pipeline import process
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink
-    from edgetree.sources.files import depth_inside
+    from edgetree.sources.files import depth_alone, depth_inside
     from edgetree.sources.opening import is_stream
 
     _check(source, inputs, rig_options, outputs, shards)
-    model = model_for(inputs.model, inputs.depth or depth_inside(source))
+    model = model_for(inputs.model, inputs.depth or depth_inside(source) or depth_alone(source))
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
@@ -219,7 +219,7 @@ def run(
     detector, model_path = session.open_model(model, score_threshold)
     rig, settings = rig_options.rig(inputs.camera, inputs.depth), rig_options.settings()
     are_files = source.is_dir() and not is_stream(source)
-    totals, left_out = Totals(), LeftOut(inputs.strict_frames or not are_files)
+    totals, left_out = Totals(rig), LeftOut(inputs.strict_frames or not are_files)
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)

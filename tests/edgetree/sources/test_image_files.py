@@ -67,7 +67,7 @@ def test_unusable_depth_has_a_reason(tmp_path: Path) -> None:
     calib.write_depth(depth, np.zeros((48, 64), np.float32))
     (frame,) = open_source(image, depth)
     assert frame.depth_fault is not None
-    assert "d.png: 0.0% of the pixels have depth" in frame.depth_fault
+    assert "d.png: no pixel has depth" in frame.depth_fault
     sloping_m = np.linspace(2, 3, 48 * 64, dtype=np.float32).reshape(48, 64)
     calib.write_depth(depth, sloping_m)
     (frame,) = open_source(image, depth)
@@ -187,7 +187,7 @@ def test_missing_depth_is_named_in_advance(tmp_path: Path) -> None:
 
 def test_a_depth_image_is_not_read_as_colour(tmp_path: Path) -> None:
     path = _write_depth(tmp_path / "d.png")
-    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; pass depth"):
+    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; a depth image"):
         list(open_source(path))
 
 
