@@ -72,9 +72,10 @@ class _Inputs:
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
         from edgetree.sources.files import depth_alone
+        from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.videos import is_video
 
-        if image.is_dir() or is_video(image):
+        if image.is_dir() or is_capture(image) or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"
             )

@@ -46,7 +46,8 @@ _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="An image, a folder of images, a video, a ROS bag or MCAP file, or a simulated drive;"
+        help="An image, a folder of images, a video, a ROS bag or MCAP file, a capture of a phone"
+        " (.r3d, or the folder of Stray Scanner), or a simulated drive;"
         " with --shards a folder or URL of images or of recordings.",
     ),
 ]
