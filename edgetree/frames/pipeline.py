@@ -194,16 +194,16 @@ def _measure(
         masks=masks,
         up_camera=up_camera,
         mounting=mounting,
-        settings=_with_noise(settings, frame.depth_noise),
+        settings=with_noise(settings, frame.depth_noise),
         rig_uncertainty=rig.known_uncertainty(),
     )
     return [turn.back.measurement(tree) for tree in measured] if turn else measured
 
 
-def _with_noise(
+def with_noise(
     settings: MeasureSettings | None, noise: DepthNoise | None
 ) -> MeasureSettings | None:
-    """The settings, with what a frame knows of the errors of its depth."""
+    """The settings of the measurement, with what a frame knows of the errors of its depth."""
     if noise is None:
         return settings
     from edgetree.measure import MeasureSettings

@@ -34,6 +34,7 @@ _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
 _ARRAY: Final = ".npy"
+_HEIC: Final = (".heic", ".heif", ".hif")
 # Not the digits after a decimal point, such as those of time stamps.
 _LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
@@ -204,7 +205,10 @@ def _open_folder(
     suffixes = DEPTH_SUFFIXES if depth_only and depth is None else IMAGE_SUFFIXES
     paths = _in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
     if not paths:
-        raise InputError(f"folder {folder} has no images: expected {', '.join(suffixes)}")
+        heic = _heic(folder)
+        found = f", but {len(heic)} HEIC pictures such as {heic[0]}" if heic else ""
+        raise InputError(f"folder {folder} has no images{found}: expected {', '.join(suffixes)}")
+    _warn_of_heic(folder)
     depths: list[Path | None] = [None] * len(paths)
     if depth is not None:
         if not depth.is_dir():
@@ -220,6 +224,20 @@ def _open_folder(
         depths = [depth / name for name in paired.names]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
     return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+
+
+def _heic(folder: Path) -> list[str]:
+    """The names of the HEIC pictures of a folder, which are not read."""
+    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, _HEIC))
+
+
+def _warn_of_heic(folder: Path) -> None:
+    if heic := _heic(folder):
+        _log.warning(
+            "%d HEIC pictures of %s are left out, the first is %s: expected JPEG or PNG, which the"
+            " phone or its photo program exports",
+            *(len(heic), folder, heic[0]),
+        )
 
 
 def _in_order(paths: Iterable[Path]) -> list[Path]:

@@ -195,3 +195,15 @@ def test_grey_images_become_colour(tmp_path: Path) -> None:
     grey: NDArray[np.uint8] = np.full((8, 9), 77, np.uint8)
     cv2.imwrite(str(tmp_path / "g.png"), grey)
     np.testing.assert_array_equal(read_image(tmp_path / "g.png"), np.full((8, 9, 3), 77))
+
+
+def test_heic_pictures_of_a_folder_are_named_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("IMG_1.HEIC", "IMG_2.heic"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(InputError, match=r"has no images, but 2 HEIC pictures such as IMG_1\.HEIC"):
+        open_source(tmp_path)
+    _write(tmp_path / "a.png")
+    assert len(list(open_source(tmp_path))) == 1
+    assert "2 HEIC pictures of" in caplog.text
