@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -102,6 +102,7 @@ class StereoPair:
             *((self.left.width, self.left.height), moved.rotation),
             moved.translation_m.reshape(3, 1),
         )
+        found: Any
         try:
             if self.left.distortion_model == FISHEYE:
                 found = cv2.fisheye.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY)
@@ -109,7 +110,7 @@ class StereoPair:
                 found = cv2.stereoRectify(*given, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0)
         except cv2.error as error:
             raise CameraError("the pictures cannot be rectified: expected a pair") from error
-        return cast("tuple[tuple[Float, Float], tuple[Float, Float]]", (found[:2], found[2:4]))
+        return (found[0], found[1]), (found[2], found[3])
 
     @cached_property
     def rectified(self) -> Rectified:
@@ -120,13 +121,13 @@ class StereoPair:
         undistort = (
             cv2.fisheye.initUndistortRectifyMap if is_fisheye else cv2.initUndistortRectifyMap
         )
-        maps = [
+        maps: Any = [
             undistort(*_matrix_and_terms(lens), turn, matrix[:, :3], size, cv2.CV_32FC1)
             for lens, turn, matrix in zip((self.left, self.right), turns, matrices, strict=True)
         ]
         first, second = (np.asarray(matrix, np.float64) for matrix in matrices)
-        focal_px = (float(first[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        camera = PinholeCamera(*size, *focal_px)
+        fx, fy, cx, cy = (float(first[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        camera = PinholeCamera(*size, fx, fy, cx, cy)
         baseline_m = float(-second[0, 3] / second[0, 0])
         return Rectified(camera, baseline_m, self.left_rotation, (maps[0], maps[1]))
 
@@ -194,7 +195,7 @@ class Rectified:
                     f" camera's {size[0]}x{size[1]} px"
                 )
         pictures = [
-            cv2.remap(image, *map_, cv2.INTER_LINEAR)
+            cast("UInt8", cv2.remap(image, *map_, cv2.INTER_LINEAR))
             for image, map_ in zip((left, right), self.maps, strict=True)
         ]
         greys = [_grey(picture) for picture in pictures]
@@ -206,7 +207,7 @@ class Rectified:
         depth_m = np.where(matched, self.focal_baseline / safe, 0.0).astype(np.float32)
         std_px = np.where(matched, std_px, 0.0)
         std_m = (depth_m.astype(np.float64) ** 2 * std_px / self.focal_baseline).astype(np.float32)
-        return StereoDepth(cast("UInt8", pictures[0]), depth_m, std_m)
+        return StereoDepth(pictures[0], depth_m, std_m)
 
     def _disparity(self, left: UInt8, right: UInt8) -> Float32:
         """(H, W) px of disparity; -1 where left and right do not agree."""

@@ -23,7 +23,7 @@ from basetree.arrays import Float
 from calib.camera import PinholeCamera
 from calib.depth.convention import DepthKind
 from calib.errors import Failure
-from calib.ground import fit_ground_plane
+from calib.ground import GroundPlaneFailure, fit_ground_plane
 from calib.points import check_size, pixels_to_rays
 
 _SAMPLES: Final = 60  # along the shorter side of the map
@@ -84,7 +84,7 @@ def range_exponent(
     half = 0.5 if kind == "depth" else -0.5
     points_m = rays * (readings_m / lengths**half)[:, None]
     plane = fit_ground_plane(points_m, up, tolerance_m=_TOLERANCE_M)
-    if not plane:
+    if isinstance(plane, GroundPlaneFailure):
         return Failure(f"no ground: {plane.reason}")
     apart_m = np.abs(plane.height_m(points_m))
     near = apart_m < np.maximum(_NEAR_M, _NEAR_SHARE * readings_m)

@@ -157,7 +157,8 @@ def _of_kalibr(cameras: Mapping[str, Mapping[str, Any]]) -> StereoPair:
 
 def _matrix4(values: Mapping[str, Any], name: str) -> Float:
     rows = values.get(name)
-    flat = [each for row in rows for each in row] if _is_rows(rows) else rows
+    is_rows = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+    flat = [each for row in rows or () for each in row] if is_rows else rows
     found = numbers({name: flat}, name) if isinstance(flat, list) else ()
     if len(found) != 16:
         raise CameraError(f"{name} is {rows!r:.60}: expected 4x4 numbers, from cam0 to cam1")
@@ -165,10 +166,6 @@ def _matrix4(values: Mapping[str, Any], name: str) -> Float:
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 0.5:
         raise CameraError(f"{name} is no rigid transform: expected a rotation and metres")
     return matrix
-
-
-def _is_rows(rows: Any) -> bool:
-    return isinstance(rows, list) and all(isinstance(row, list) for row in rows)
 
 
 def _of_projections(matrices: Mapping[str, str], size: re.Match[str] | None) -> StereoPair:
