@@ -25,6 +25,7 @@ ABSENT = (
     "mcap",
     "zstandard",
     "small_gicp",
+    "lzfse",
     "ray",
     "fsspec",
     "s3fs",

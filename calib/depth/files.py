@@ -51,7 +51,7 @@ def read_depth(path: Path | str, scale: float | None = None) -> Float32:
     """
     path = Path(path)
     check_scale(scale, "scale")
-    return values_to_metres(_read_values(path), scale, str(path))
+    return values_to_metres(read_values(path), scale, str(path))
 
 
 def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:
@@ -60,8 +60,12 @@ def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:
     return np.where((steps < 0) | (steps > _MAX_MM), 0, steps).astype(np.uint16)
 
 
-def _read_values(path: Path) -> NDArray[Any]:
-    """The values of a picture or .npy file, whose first bytes say which it is."""
+def read_values(path: Path) -> NDArray[Any]:
+    """Read the values of a picture or .npy file, whose first bytes say which it is.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or larger than `Limits` allows.
+    """
     expected = "expected a depth map as PNG, TIFF or .npy"
     try:
         with open_regular(path) as file:

@@ -106,7 +106,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
                     camera = form.build(cameras[chosen])
             except CameraError as error:
                 raise CameraError(f"{_of_camera(path, chosen)}: {error}") from error
-            _check_pixels(_of_camera(path, chosen), camera)
+            check_pixels(_of_camera(path, chosen), camera)
             for line in camera.unusual_values():
                 _log.warning("%s: %s", short_line(_of_camera(path, chosen)), line)
             return camera
@@ -116,7 +116,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     raise InputFileError(f"{path}: no known camera format, expected one of {known}")
 
 
-def _check_pixels(place: str, camera: PinholeCamera) -> None:
+def check_pixels(place: str, camera: PinholeCamera) -> None:
     """Check that pictures of this camera could be read."""
     largest = current_limits().image_pixels
     if camera.width * camera.height > largest:

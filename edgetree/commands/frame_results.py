@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from basetree.errors import CheckFailed, InputError, short_line
 from basetree.program.console import LogNotes, note, track
+from calib.depth.range_check import RangeExponent, kind_words, range_exponent
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
+from edgetree.frames.rig import Rig
 from edgetree.sources.source import INCOMPLETE, REMARKS, FrameSource, readable
+
+_FRAMES_CHECKED: Final = 20  # for the kind of their depth, which is that of all frames
 
 
 def frame_results(
@@ -76,8 +81,13 @@ class LeftOut:
 
 @dataclass
 class Totals:
-    """Counts over all frames, for the summary."""
+    """Counts over all frames, for the summary.
 
+    Attributes:
+        rig: The cameras, for how their depth was taken.
+    """
+
+    rig: Rig = field(default_factory=Rig)
     trees: int = 0
     times_ms: list[float] = field(default_factory=list)
     metres_need: str | None = None
@@ -85,6 +95,8 @@ class Totals:
     turning: str | None = None
     faults: list[str] = field(default_factory=list)
     unlike: list[str] = field(default_factory=list)
+    exponents: list[RangeExponent] = field(default_factory=list)
+    checked_kinds: int = 0
 
     @property
     def frames(self) -> int:
@@ -102,6 +114,9 @@ class Totals:
             self.faults.append(result.frame.depth_fault)
         if result.trees.unlike is not None:
             self.unlike.append(unlike_words(result.frame.name, result.trees.unlike))
+        if self.checked_kinds < _FRAMES_CHECKED and result.measurements is not None:
+            self.checked_kinds += 1
+            self.exponents += ground_exponents(result, self.rig)
 
     def lines(self) -> Iterator[str]:
         """The summary."""
@@ -115,9 +130,28 @@ class Totals:
             yield self.turning
         if self.faults:
             yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"
+        words = kind_words(self.exponents, self.rig.depth_kind)
+        if words is not None:
+            yield words
         if self.unlike:
             count = f"{len(self.unlike)} of {self.frames} frame(s)"
             yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
+
+
+def ground_exponents(result: FrameResult, rig: Rig) -> list[RangeExponent]:
+    """What the ground of a frame tells of the kind of its depth; empty if it tells nothing."""
+    frame, camera = result.frame, result.camera
+    if frame.depth_m is None or camera is None or frame.depth_fault is not None:
+        return []
+    up_camera = rig.up_camera if frame.up_camera is None else frame.up_camera
+    found = range_exponent(frame.depth_m, camera, up_camera, rig.depth_kind)
+    return [found] if isinstance(found, RangeExponent) else []
+
+
+def kind_of_depth_words(results: Iterable[FrameResult], rig: Rig) -> str | None:
+    """Say that the depth of frames looks like the other kind; None if it does not."""
+    found = [exponent for result in results for exponent in ground_exponents(result, rig)]
+    return kind_words(found, rig.depth_kind)
 
 
 def unlike_words(name: str, unlike: UnlikeTraining) -> str:

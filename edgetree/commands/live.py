@@ -35,7 +35,8 @@ _Source: TypeAlias = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="A ROS 1 or ROS 2 bag or MCAP file; a video, a folder of images or a simulated drive;"
+        help="A ROS 1 or ROS 2 bag or MCAP file; a video, a folder of images, a capture of a phone"
+        " (.r3d, or the folder of Stray Scanner) or a simulated drive;"
         " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec.",
     ),
 ]

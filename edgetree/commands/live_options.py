@@ -99,10 +99,11 @@ class LiveSourceOptions:
         from edgetree.sources.bags.names import is_bag
         from edgetree.sources.drive import is_drive
         from edgetree.sources.live import open_live_source
+        from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.playing import PacedSource
 
         path = Path(source)
-        are_files = path.exists() and not (is_bag(path) or is_drive(path))
+        are_files = path.exists() and not (is_bag(path) or is_drive(path) or is_capture(path))
         opened = open_live_source(
             source,
             depth=self.depth,

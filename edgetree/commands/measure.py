@@ -20,6 +20,7 @@ from edgetree.commands.options import (
     ModelByInput,
     Profiles,
     Report,
+    Right,
     ScoreThreshold,
     check_report,
     model_file,
@@ -31,6 +32,7 @@ from edgetree.commands.options import (
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
@@ -63,6 +65,7 @@ class _Inputs:
     """The options that say what to measure, and how its trees are found."""
 
     depth: Depth = None
+    right: Right = None
     model: ModelByInput = None
     mask: _Mask = None
     score_threshold: ScoreThreshold = 0.5
@@ -71,15 +74,18 @@ class _Inputs:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
+        from edgetree.sources.files import depth_alone
+        from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.videos import is_video
 
-        if image.is_dir() or is_video(image):
+        if image.is_dir() or is_capture(image) or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        if self.mask is not None and self.depth is None:
+        has_depth = (self.depth or self.right or depth_alone(image)) is not None
+        if self.mask is not None and not has_depth:
             raise InputError("--mask given without --depth: expected the depth image to measure in")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
@@ -93,24 +99,30 @@ class _Inputs:
         detector: TreeDetector | None,
         rig: Rig,
         settings: MeasureSettings | None,
+        pair: StereoPair | None = None,
     ) -> FrameResult:
         """Read the frame and measure the trees that the detector finds, or those of the mask."""
         from basetree.errors import InputError
         from edgetree.frames.images import read_masks
         from edgetree.frames.pipeline import measure_frame, process
         from edgetree.sources import open_source
+        from edgetree.sources.stereo import open_stereo
 
-        takes_depth = detector is not None and detector.manifest.takes_depth
-        if self.depth is None and not takes_depth:
+        takes_depth = detector is None or detector.manifest.takes_depth
+        if self.depth is None and self.right is None and not takes_depth:
             raise InputError("--depth is missing: expected the depth image to measure in")
-        (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
+        if pair is not None and self.right is not None:
+            (frame,) = open_stereo(image, self.right, pair, rig=rig)
+        else:
+            (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
         if frame.depth_fault is not None:
             raise InputError(frame.depth_fault)
         if detector is not None:
             return process(frame, detector, rig, settings)
         assert self.mask is not None
-        assert frame.image is not None
-        height, width = frame.image.shape[:2]
+        picture = frame.depth_m if frame.image is None else frame.image
+        assert picture is not None
+        height, width = picture.shape[:2]
         return measure_frame(frame, read_masks(self.mask, (width, height)), rig, settings)
 
 
@@ -160,12 +172,14 @@ def measure(
     """
     from basetree.errors import InputError
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import note_files, unlike_words
+    from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
     from edgetree.results.text_table import table_lines
+    from edgetree.sources.files import depth_alone
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
-    if shards.are_given and mask is not None:
-        raise InputError("--mask given with --shards: expected a model")
+    if shards.are_given and (mask is not None or inputs.right is not None):
+        name = "--mask" if inputs.right is None else "--right"
+        raise InputError(f"{name} given with --shards: expected a model and depth images")
     if not shards.are_given:
         inputs.check(image, outputs)
     check_paths(
@@ -173,17 +187,19 @@ def measure(
         {
             "source": image,
             "--depth": depth,
+            "--right": inputs.right,
             "--model": model_file(inputs.model),
             "--mask": mask,
             **rig_options.files(camera),
         },
     )
-    model = model_for(inputs.model, depth)
+    model = model_for(inputs.model, depth or inputs.right or depth_alone(image))
     if shards.are_given:
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
         return
-    rig, settings = rig_options.rig(camera, depth), rig_options.settings()
+    rig, pair = rig_options.rig_and_pair(camera, depth, inputs.right)
+    settings = rig_options.settings()
     detector = None
     trees_from: dict[str, Any] = {"mask": str(mask)}
     trees_from_words = f"the mask {mask}"
@@ -191,7 +207,7 @@ def measure(
         detector, model_path = session.open_model(model, score_threshold)
         trees_from = {"model": model_record(detector, model_path)}
         trees_from_words = f"the model {model_path.name}"
-    result = inputs.process(image, detector, rig, settings)
+    result = inputs.process(image, detector, rig, settings, pair)
     outputs.write(result, str(image), trees_from_words)
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
@@ -200,7 +216,7 @@ def measure(
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
-    for line in filter(None, (result.scaling, result.turning)):
+    for line in filter(None, (result.scaling, result.turning, kind_of_depth_words([result], rig))):
         note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)
@@ -243,5 +259,5 @@ def _record(
 
 def _words(inputs: _Inputs, *, mask: bool) -> str:
     """The options that say how trees are found, as they would be typed on the command line."""
-    given = {"model": inputs.model, "mask": inputs.mask if mask else None}
+    given = {"right": inputs.right, "model": inputs.model, "mask": inputs.mask if mask else None}
     return "".join(f" --{name} {quoted(value)}" for name, value in given.items() if value)

@@ -28,6 +28,7 @@ from edgetree.commands.options import (
 
 if TYPE_CHECKING:
     from calib import PinholeCamera
+    from calib.stereo import StereoPair
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings, RigUncertainty
     from edgetree.runtime.detector import TreeDetector
@@ -92,6 +93,34 @@ class RigOptions:
             depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
+
+    def rig_and_pair(
+        self, camera: Path | None, depth: Path | None, right: Path | None
+    ) -> tuple[Rig, StereoPair | None]:
+        """The rig, and the calibration of a stereo pair if its right pictures are given.
+
+        Args:
+            camera: Value of --camera; of a pair it names the calibration.
+            depth: Value of --depth.
+            right: Value of --right.
+
+        Raises:
+            InputError: As for `rig`, or options do not fit a pair.
+        """
+        from basetree.errors import InputError
+        from calib.files.stereo import load_stereo
+        from edgetree.sources.stereo import stereo_rig
+
+        if right is None:
+            return self.rig(camera, depth), None
+        if depth is not None:
+            raise InputError("--depth given with --right: expected only one of them")
+        if camera is None:
+            raise InputError(
+                "--right given without --camera: expected the calibration of the stereo pair"
+            )
+        pair = load_stereo(camera)
+        return stereo_rig(self.rig(None, None), pair), pair
 
     def settings(self) -> MeasureSettings | None:
         """The settings of the measurement; None for the defaults.

@@ -65,6 +65,16 @@ Depth: TypeAlias = Annotated[
         " as depth."
     ),
 ]
+Right: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="PATH",
+        help="Picture of the right camera of a stereo pair, or the folder or video of the right"
+        " pictures, in the same order. Depth comes from both. --camera then names the calibration"
+        " of the pair: calib.stereo/1 JSON, Kalibr camchain, OpenCV (M1, D1, M2, D2, R, T) or KITTI"
+        " calib.txt.",
+    ),
+]
 DepthScale: TypeAlias = Annotated[
     str | None,
     typer.Option(

@@ -23,6 +23,7 @@ from edgetree.commands.options import (
     ModelByInput,
     Profiles,
     Report,
+    Right,
     ScoreThreshold,
     check_report,
     model_file,
@@ -34,6 +35,7 @@ from edgetree.commands.options import (
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
@@ -46,7 +48,8 @@ _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="An image, a folder of images, a video, a ROS bag or MCAP file, or a simulated drive;"
+        help="An image, a folder of images, a video, a ROS bag or MCAP file, a capture of a phone"
+        " (.r3d, or the folder of Stray Scanner), or a simulated drive;"
         " with --shards a folder or URL of images or of recordings.",
     ),
 ]
@@ -93,15 +96,21 @@ class _Inputs:
 
     model: ModelByInput = None
     depth: Depth = None
+    right: Right = None
     camera: Camera = None
     topic: Topic = None
     scene: Scene = None
     strict_frames: _StrictFrames = False
 
-    def open(self, source: Path, rig: Rig, detector: TreeDetector) -> FrameSource:
+    def open(
+        self, source: Path, rig: Rig, pair: StereoPair | None, detector: TreeDetector
+    ) -> FrameSource:
         """Open the frames."""
         from edgetree.sources.opening import open_frames
+        from edgetree.sources.stereo import open_stereo
 
+        if pair is not None and self.right is not None:
+            return open_stereo(source, self.right, pair, rig=rig)
         return open_frames(
             source,
             self.depth,
@@ -114,6 +123,7 @@ class _Inputs:
     def words(self) -> str:
         """The options about streams as they would be typed on the command line."""
         given = [("topic", name) for name in self.topic or ()]
+        given += [] if self.right is None else [("right", str(self.right))]
         given += [] if self.scene is None else [("scene", str(self.scene))]
         return "".join(f" --{name} {quoted(value)}" for name, value in given)
 
@@ -207,25 +217,28 @@ def run(
     from edgetree.frames.pipeline import process
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink
-    from edgetree.sources.files import depth_inside
+    from edgetree.sources.files import depth_alone, depth_inside
     from edgetree.sources.opening import is_stream
 
     _check(source, inputs, rig_options, outputs, shards)
-    model = model_for(inputs.model, inputs.depth or depth_inside(source))
+    model = model_for(
+        inputs.model, inputs.depth or inputs.right or depth_inside(source) or depth_alone(source)
+    )
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
         return
     detector, model_path = session.open_model(model, score_threshold)
-    rig, settings = rig_options.rig(inputs.camera, inputs.depth), rig_options.settings()
+    rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right)
+    settings = rig_options.settings()
     are_files = source.is_dir() and not is_stream(source)
-    totals, left_out = Totals(), LeftOut(inputs.strict_frames or not are_files)
+    totals, left_out = Totals(rig), LeftOut(inputs.strict_frames or not are_files)
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
     guarded = GuardedOutputs(others=as_json)
     with warnings_shown(), guarded:
-        frames = inputs.open(source, rig, detector)
+        frames = inputs.open(source, rig, pair, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
         if lines is not None:
             name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
@@ -315,6 +328,7 @@ def _check(
         {
             "source": source,
             "--depth": inputs.depth,
+            "--right": inputs.right,
             "--model": model_file(inputs.model),
             **rig_options.files(inputs.camera),
         },

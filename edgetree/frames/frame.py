@@ -15,6 +15,26 @@ from calib import PinholeCamera, RigidTransform
 _LEAST_LEVEL_PART: Final = 0.1
 
 
+@dataclass(frozen=True)
+class DepthNoise:
+    """What a source knows of the errors of its depth, in place of the measurement's assumptions.
+
+    What is None stays assumed; `edgetree.measure.MeasureSettings` says what each means.
+
+    Attributes:
+        noise_per_m: Standard deviation of the depth at 1 m, in metres; at z metres it is z² times
+            as large.
+        noise_m: Smallest standard deviation, in metres.
+        bias_per_m: Error at 1 m that the readings on one stem share, in metres, times z².
+        correlation_px: Side of the squares of the picture in which readings share one error.
+    """
+
+    noise_per_m: float | None = None
+    noise_m: float | None = None
+    bias_per_m: float | None = None
+    correlation_px: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One picture of a source.
@@ -35,6 +55,7 @@ class Frame:
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
         pose: Transform from the camera's frame to a fixed frame (x and y level, z up), as from the
             machine's odometry; None if unknown.
+        depth_noise: Errors of the depth, as far as the source knows them; None if it does not.
     """
 
     name: str
@@ -47,6 +68,7 @@ class Frame:
     camera: PinholeCamera | None = None
     up_camera: NDArray[np.float64] | None = None
     pose: RigidTransform | None = None
+    depth_noise: DepthNoise | None = None
 
     @property
     def where(self) -> str:

@@ -41,8 +41,8 @@ def read_colour(path: Path) -> Picture:
     picture = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
     if picture.pixels.dtype != np.uint8:
         raise InputError(
-            f"image {path} is {picture.pixels.dtype}: expected 8-bit colour; pass depth images with"
-            " --depth, or use --model depth"
+            f"image {path} is {picture.pixels.dtype}: expected 8-bit colour; a depth image belongs"
+            " to --depth, and alone needs --model depth"
         )
     return picture
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
 from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
-from edgetree.frames.frame import Frame
+from edgetree.frames.frame import DepthNoise, Frame
 from edgetree.frames.rig import Rig
 from edgetree.runtime.detector import TreeDetector
 
@@ -194,10 +194,22 @@ def _measure(
         masks=masks,
         up_camera=up_camera,
         mounting=mounting,
-        settings=settings,
+        settings=with_noise(settings, frame.depth_noise),
         rig_uncertainty=rig.known_uncertainty(),
     )
     return [turn.back.measurement(tree) for tree in measured] if turn else measured
+
+
+def with_noise(
+    settings: MeasureSettings | None, noise: DepthNoise | None
+) -> MeasureSettings | None:
+    """The settings of the measurement, with what a frame knows of the errors of its depth."""
+    if noise is None:
+        return settings
+    from edgetree.measure import MeasureSettings
+
+    known = {f"depth_{name}": value for name, value in asdict(noise).items() if value is not None}
+    return replace(settings or MeasureSettings(), **known)
 
 
 def _turning(frame: Frame, rig: Rig) -> str | None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from edgetree.sources.files import open_files, open_source
     from edgetree.sources.live import SOURCE_FORMS, open_live_source
     from edgetree.sources.opening import open_frames
+    from edgetree.sources.phones.opening import open_capture
     from edgetree.sources.pushed import PushedFrames
     from edgetree.sources.source import FrameSource, SourceLost
 
@@ -35,6 +36,7 @@ __all__ = [
     "SourceLost",
     "frame_from_arrays",
     "open_camera",
+    "open_capture",
     "open_drive",
     "open_files",
     "open_frames",
@@ -59,6 +61,7 @@ _MODULES = {
     "SOURCE_FORMS": "live",
     "open_live_source": "live",
     "open_frames": "opening",
+    "open_capture": "phones.opening",
     "PushedFrames": "pushed",
     "FrameSource": "source",
     "SourceLost": "source",

@@ -15,7 +15,7 @@ from basetree.files.names import DEPTH_SUFFIXES
 
 COLOUR_FOLDERS: Final = ("rgb", "color", "colour", "images", "image", "left", "jpg", "png")
 DEPTH_FOLDERS: Final = ("depth", "depths", "depth_image", "depth_images")
-_DEPTH_WORDS: Final = "depths?|depthmap|d"
+_DEPTH_WORDS: Final = "depths?(?:_mm|_m)?|depthmap|d"
 _COLOUR_WORDS: Final = "rgb|colou?r|images?|img|left|frame|picture"
 _TIME: Final = re.compile(r"\d+\.\d{3,}|[1-9]\d{9,18}")
 _SECONDS_DIGITS: Final = 10

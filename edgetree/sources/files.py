@@ -33,6 +33,8 @@ from edgetree.sources.videos import VideoFrames, is_picture
 _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
+_ARRAY: Final = ".npy"
+_HEIC: Final = (".heic", ".heif", ".hif")
 # Not the digits after a decimal point, such as those of time stamps.
 _LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
@@ -47,8 +49,10 @@ def open_source(
 ) -> FrameSource:
     """Open an image, a folder of images, or a video.
 
-    With depth or a camera the pixels are those that the camera stored. Without both, they are
-    turned as the EXIF orientation or the video says, as viewers show them. A warning tells which.
+    A `.npy` file, a folder without pictures, and a source that is given as its own depth hold depth
+    alone. With depth or a camera the pixels are those that the camera stored. Without both, they
+    are turned as the EXIF orientation or the video says, as viewers show them. A warning tells
+    which.
 
     Args:
         path: An image, a folder of images, or a video.
@@ -69,13 +73,16 @@ def open_source(
     """
     rig = rig or Rig()
     upright = upright and rig.camera is None
+    alone = depth_alone(path, depth)
+    if alone is not None:
+        path, depth, depth_only = alone, None, True
     if path.is_dir():
         return _open_folder(path, depth, depth_only, rig, upright)
     if not path.exists():
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
-    if is_picture(path):
+    if is_picture(path) or (depth_only and path.suffix.lower() == _ARRAY):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
         return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
@@ -151,8 +158,40 @@ def depth_inside(folder: Path) -> Path | None:
     return None if depth == folder else depth
 
 
+def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
+    """The file or folder of depth of a source that holds no pictures; None for another source.
+
+    Args:
+        source: A file or folder.
+        depth: Its depth as the user gave it, which may be the source itself.
+    """
+    is_same = depth is not None and depth.exists() and source.exists() and depth.samefile(source)
+    if depth is not None and not is_same:
+        return None
+    if not source.is_dir():
+        return source if is_same or source.suffix.lower() == _ARRAY else None
+    if _with_files(source, COLOUR_FOLDERS, IMAGE_SUFFIXES) != source:
+        return None
+    names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
+    pictures = [path for path in names if _is_image(path)]
+    if not pictures:
+        folder = _with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        has_arrays = any(path.suffix.lower() == _ARRAY for path in names)
+        return folder if has_arrays or folder != source else None
+    # With pictures and their depth in one folder, names or suffixes tell them apart.
+    is_mixed = any(path.suffix.lower() == _ARRAY for path in names) or any(
+        is_depth_name(path.stem) != is_depth_name(pictures[0].stem) for path in pictures
+    )
+    is_lossy = any(path.suffix.lower() not in DEPTH_SUFFIXES for path in pictures)
+    return source if is_same and not (is_mixed or is_lossy) else None
+
+
 def _is_image(path: Path) -> bool:
-    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
+    return _has_suffix(path, IMAGE_SUFFIXES)
+
+
+def _has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
+    return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
 def _open_folder(
@@ -163,9 +202,13 @@ def _open_folder(
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
-    paths = _in_order(filter(_is_image, folder.iterdir()))
+    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else IMAGE_SUFFIXES
+    paths = _in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
     if not paths:
-        raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
+        heic = _heic(folder)
+        found = f", but {len(heic)} HEIC pictures such as {heic[0]}" if heic else ""
+        raise InputError(f"folder {folder} has no images{found}: expected {', '.join(suffixes)}")
+    _warn_of_heic(folder)
     depths: list[Path | None] = [None] * len(paths)
     if depth is not None:
         if not depth.is_dir():
@@ -181,6 +224,20 @@ def _open_folder(
         depths = [depth / name for name in paired.names]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
     return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+
+
+def _heic(folder: Path) -> list[str]:
+    """The names of the HEIC pictures of a folder, which are not read."""
+    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, _HEIC))
+
+
+def _warn_of_heic(folder: Path) -> None:
+    if heic := _heic(folder):
+        _log.warning(
+            "%d HEIC pictures of %s are left out, the first is %s: expected JPEG or PNG, which the"
+            " phone or its photo program exports",
+            *(len(heic), folder, heic[0]),
+        )
 
 
 def _in_order(paths: Iterable[Path]) -> list[Path]:

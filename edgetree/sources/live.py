@@ -22,13 +22,14 @@ from edgetree.sources.cameras.realsense import open_realsense
 from edgetree.sources.drive import is_drive, open_drive
 from edgetree.sources.files import open_files
 from edgetree.sources.opening import check_options, with_scale
+from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.playing import Changed, Looped
 from edgetree.sources.source import FrameSource
 
 SOURCE_FORMS: Final = (
     "realsense, oak, orbbec, a device (0, /dev/video0), an address (rtsp://..., http://...), a"
-    " recording (.bag, .mcap, .db3 or the folder of a ROS 2 bag), a drive of the simulator, a"
-    " folder of images, or a video"
+    " recording (.bag, .mcap, .db3 or the folder of a ROS 2 bag), a capture of a phone (.r3d or the"
+    " folder of Stray Scanner), a drive of the simulator, a folder of images, or a video"
 )
 
 _VENDORS: Final = {"realsense": open_realsense, "oak": open_oak, "orbbec": open_orbbec}
@@ -51,8 +52,8 @@ def open_live_source(
 
     Args:
         text: "realsense", "oak", "orbbec"; a V4L2 device as 0 or /dev/video0; an address such as
-            rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a dataset of the
-            preset `drive`, an image, a folder of images or a video.
+            rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a capture of a phone,
+            a dataset of the preset `drive`, an image, a folder of images or a video.
         depth: Depth image or folder of depth images; for images alone.
         rig: Cameras and gravity of images, videos and cameras without intrinsics of their own;
             unit, kind and correction of the depth.
@@ -72,7 +73,8 @@ def open_live_source(
     is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))
     is_camera = is_camera or _DEVICE.fullmatch(name) is not None
     path = Path(name)
-    is_recording = not is_camera and is_bag(path)
+    is_phone = not is_camera and is_capture(path)
+    is_recording = not (is_camera or is_phone) and is_bag(path)
     check_options(
         text,
         {
@@ -82,7 +84,8 @@ def open_live_source(
             "depth_calibration": rig.depth_calibration is not None
             and is_camera
             and name not in _VENDORS,
-            "depth": depth is not None and (is_camera or is_recording or is_drive(path)),
+            "depth": depth is not None
+            and (is_camera or is_recording or is_phone or is_drive(path)),
             "loop": loop and is_camera,
             "scene": scene is not None and not is_drive(path),
         },
@@ -91,6 +94,8 @@ def open_live_source(
         return _open_camera(name, rig)
     if is_recording:
         source = open_recording(path, topics=topics, modality=modality, rig=rig)
+    elif is_phone:
+        source = open_capture(path, rig=rig)
     elif is_drive(path):
         source = open_drive(path, scene=scene, rig=rig)
     else:

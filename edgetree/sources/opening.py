@@ -12,6 +12,7 @@ from edgetree.frames.rig import Rig
 from edgetree.sources.bags.names import is_bag
 from edgetree.sources.drive import is_drive, open_drive
 from edgetree.sources.files import has_images, open_source
+from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.source import FrameSource
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ _OPTION_SOURCES: Final = {
 
 
 def is_stream(path: Path) -> bool:
-    """Whether a path is a recording or a drive, whose frames have times and cameras."""
-    return is_drive(path) or (is_bag(path) and not has_images(path))
+    """Whether a path is a recording, a drive or a capture, whose frames have times and cameras."""
+    return is_drive(path) or is_capture(path) or (is_bag(path) and not has_images(path))
 
 
 def open_frames(
@@ -46,8 +47,8 @@ def open_frames(
     """Open the frames of files, a recording or a drive for a model.
 
     Args:
-        source: An image, a folder of images, a video, a recording, or a dataset of the preset
-            `drive`.
+        source: An image, a folder of images, a video, a recording, a capture of a phone, or a
+            dataset of the preset `drive`.
         depth: Depth image or folder of depth images, as for `open_source`. If it is not given, the
             images themselves are depth for a model that takes depth.
         rig: The cameras, and unit, kind and correction of the depth.
@@ -65,7 +66,7 @@ def open_frames(
     """
     rig = with_scale(rig, depth_scale_m)
     streams = is_stream(source)
-    is_recording = streams and not is_drive(source)
+    is_recording = streams and not (is_drive(source) or is_capture(source))
     check_options(
         str(source),
         {
@@ -78,6 +79,8 @@ def open_frames(
         from edgetree.sources.bags.recording import open_recording
 
         return open_recording(source, topics=topics, rig=rig)
+    if is_capture(source):
+        return open_capture(source, rig=rig)
     if streams:
         return open_drive(source, scene=scene, rig=rig)
     takes_depth = detector is not None and detector.manifest.takes_depth

@@ -18,6 +18,7 @@ import pytest
 import typer
 
 from calib import load_camera, load_transform
+from calib.files.stereo import load_stereo
 from edgetree import sample_frames
 from edgetree.cli import app as edgetree_app
 from perceptree.cli import app as perceptree_app
@@ -131,6 +132,8 @@ def test_a_json_example_can_be_read(page: str, text: str, tmp_path: Path) -> Non
         assert load_camera(path).width == values["width"]
     elif values.get("schema") == "calib.transform/1":
         assert load_transform(path).rotation.shape == (3, 3)
+    elif values.get("schema") == "calib.stereo/1":
+        assert load_stereo(path).left.width == values["left"]["width"]
 
 
 @pytest.mark.parametrize("page", TOP_PAGES)

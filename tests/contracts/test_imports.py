@@ -16,7 +16,7 @@ TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", 
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"ray", "fsspec", "s3fs"}
 HEAVY |= {"cryptography", "rosbags", "mcap", "mcap_protobuf", "av", "zstandard", "lz4"}
-HEAVY |= {"pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
+HEAVY |= {"pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp", "lzfse"}
 READS_BAGS = {
     "edgetree.sinks.bag",
     "edgetree.sinks.ros_messages",
@@ -167,6 +167,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily |= {"supervision"} if module == "edgetree.detections" else set()
         lazily |= BAG_PACKAGES if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
+        lazily |= {"lzfse"} if module == "edgetree.sources.phones.lzfse" else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (
             found.always and top in HEAVY and module not in FILE_KINDS
         ):

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("cryptography")
 pytest.importorskip("rosbags")
+pytest.importorskip("lzfse")
 if not Path("/proc/self/statm").exists():
     pytest.skip("the memory of a process is limited on Linux alone", allow_module_level=True)
 _FOLDER = str(Path(__file__).parent)

@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("cryptography")
 pytest.importorskip("rosbags")
+pytest.importorskip("lzfse")
 sys.path.insert(0, str(Path(__file__).parent))
 from formats import FORMATS
 

@@ -212,7 +212,7 @@ BAD_INPUTS = {
     "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is not a file"),
     "depth full of holes": (
         "images/a.jpg --depth holes.png --camera camera.json",
-        r"holes\.png: 0\.0% of the pixels have depth: expected",
+        r"holes\.png: no pixel has depth: expected",
     ),
     "depth in another unit": (
         "images/a.jpg --depth depth/a.png --camera camera.json --depth-scale 1",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shlex
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,38 @@ def test_depth_that_is_found_in_the_folder_chooses_the_model(run_cli: Cli, folde
     assert "for depth images" in done.err
 
 
+@pytest.mark.parametrize("given", ["depth --depth depth", "capture", "arrays", "arrays/a.npy"])
+def test_depth_without_pictures_needs_no_option(run_cli: Cli, folder: Path, given: str) -> None:
+    (folder / "capture").mkdir()
+    shutil.copytree(folder / "depth", folder / "capture" / "depth")
+    (folder / "arrays").mkdir()
+    np.save(folder / "arrays" / "a.npy", calib.read_depth(folder / "depth" / "a.png"))
+    done = run_cli("run", *given.split(), "--camera", "camera.json")
+    assert done.code == 0, done.err
+    assert "for depth images" in done.err
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    assert lines[0]["frame"] == "a"
+    assert len(lines) == (1 if "arrays" in given else 2)
+
+
+def test_ground_that_is_curved_like_range_is_told(run_cli: Cli, model: Path, folder: Path) -> None:
+    camera = calib.PinholeCamera(640, 360, 320.0, 320.0, 319.5, 179.5)
+    calib.save_camera(folder / "wide.json", camera)
+    rows, columns = np.mgrid[0:360, 0:640]
+    rays = calib.pixels_to_rays(camera, np.stack([columns, rows], -1) + 0.5)
+    depth_m = np.where(rays[..., 1] > 0.15, 2 / np.maximum(rays[..., 1], 0.15), 0)
+    depth_m[50:300, 300:340] = 4.0
+    said = []
+    for kind in (depth_m, calib.depth_to_range(depth_m, camera)):
+        for name in "ab":
+            calib.write_depth(folder / "depth" / f"{name}.png", kind)
+        run = (*FRAMES[:-1], "wide.json", "--model", model, "--up", "0,-1,0")
+        done = run_cli(*run)
+        assert done.code == 0, done.err
+        said.append("give --depth-kind range" in done.err)
+    assert said == [False, True]
+
+
 def test_profiles_are_a_table_of_heights_and_diameters(
     run_cli: Cli, model: Path, folder: Path
 ) -> None:
@@ -99,7 +132,7 @@ def test_unusable_depth_of_one_frame_does_not_stop_the_run(
     done = run_cli(*FRAMES, "--model", model)
     assert done.code == 0, done.err
     first, second = (json.loads(line)["trees"][0]["metres"] for line in done.out.splitlines())
-    assert "0.0% of the pixels have depth" in first["diameter_failure"]
+    assert "no pixel has depth" in first["diameter_failure"]
     assert "diameter_m" in second
     assert "unusable depth in 1 frame(s): depth depth" in done.err
 

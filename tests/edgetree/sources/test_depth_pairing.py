@@ -30,6 +30,7 @@ def paired(images: list[str], depths: list[str]) -> dict[str, str | None]:
         ("a.jpg", "a.PNG"),
         ("a.jpg", "a_depth.png"),
         ("a.jpg", "a-depth.tiff"),
+        ("a.jpg", "a_depth_mm.png"),
         ("a.jpg", "depth_a.npy"),
         ("a.jpg", "a_d.png"),
         ("a_rgb.png", "a_depth.png"),
@@ -139,7 +140,7 @@ def test_one_unusable_depth_image_is_left_out(
     done = run_cli("run", *given)
     assert done.code == 1
     assert [json.loads(line)["frame"] for line in done.out.splitlines()] == ["a"]
-    assert "b.png" in done.err.splitlines()[0]
+    assert "b.png" in next(line for line in done.err.splitlines() if "left out" in line)
     assert done.err.splitlines()[-1] == "edgetree: 1 of 2 frame(s) left out, see above"
     shards = ("--shards", tmp_path / "parts", "--jsonl", tmp_path / "a.jsonl")
     done = run_cli("run", *given, *shards)

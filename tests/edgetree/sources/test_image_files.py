@@ -67,7 +67,7 @@ def test_unusable_depth_has_a_reason(tmp_path: Path) -> None:
     calib.write_depth(depth, np.zeros((48, 64), np.float32))
     (frame,) = open_source(image, depth)
     assert frame.depth_fault is not None
-    assert "d.png: 0.0% of the pixels have depth" in frame.depth_fault
+    assert "d.png: no pixel has depth" in frame.depth_fault
     sloping_m = np.linspace(2, 3, 48 * 64, dtype=np.float32).reshape(48, 64)
     calib.write_depth(depth, sloping_m)
     (frame,) = open_source(image, depth)
@@ -187,7 +187,7 @@ def test_missing_depth_is_named_in_advance(tmp_path: Path) -> None:
 
 def test_a_depth_image_is_not_read_as_colour(tmp_path: Path) -> None:
     path = _write_depth(tmp_path / "d.png")
-    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; pass depth"):
+    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; a depth image"):
         list(open_source(path))
 
 
@@ -195,3 +195,15 @@ def test_grey_images_become_colour(tmp_path: Path) -> None:
     grey: NDArray[np.uint8] = np.full((8, 9), 77, np.uint8)
     cv2.imwrite(str(tmp_path / "g.png"), grey)
     np.testing.assert_array_equal(read_image(tmp_path / "g.png"), np.full((8, 9, 3), 77))
+
+
+def test_heic_pictures_of_a_folder_are_named_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("IMG_1.HEIC", "IMG_2.heic"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(InputError, match=r"has no images, but 2 HEIC pictures such as IMG_1\.HEIC"):
+        open_source(tmp_path)
+    _write(tmp_path / "a.png")
+    assert len(list(open_source(tmp_path))) == 1
+    assert "2 HEIC pictures of" in caplog.text

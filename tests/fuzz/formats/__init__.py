@@ -7,6 +7,7 @@ from formats import (
     datasets,
     models,
     page,
+    phones,
     pictures,
     recordings,
     records,
@@ -20,6 +21,7 @@ FORMATS = (
     | datasets.FORMATS
     | models.FORMATS
     | page.FORMATS
+    | phones.FORMATS
     | pictures.FORMATS
     | recordings.FORMATS
     | records.FORMATS

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import calib
+from calib.files.stereo import load_stereo
 from formats.form import Format
 
 _ROS = b"""image_width: 640
@@ -104,8 +105,40 @@ _DEPTH_SCALE = b"""{"schema": "calib.depth_scale/1", "scale": 1.01, "offset_m": 
 "farthest_m": 4.0}"""
 
 
+_STEREO_PAIR = b"""{"schema": "calib.stereo/1", "left": {"width": 640, "height": 480, "fx": 500,
+"fy": 500, "cx": 320, "cy": 240, "distortion": []}, "right": {"width": 640, "height": 480,
+"fx": 500, "fy": 500, "cx": 320, "cy": 240, "distortion": []}, "right_from_left": {"rotation":
+[[1, 0, 0], [0, 1, 0], [0, 0, 1]], "translation_m": [-0.12, 0, 0]}}"""
+_CAMCHAIN = (
+    _KALIBR
+    + b"""
+cam1: {camera_model: pinhole, intrinsics: [400, 400, 320, 240], resolution: [640, 480],
+  distortion_model: equidistant, distortion_coeffs: [0.01, 0, 0, 0],
+  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}"""
+)
+_SECOND = _OPENCV.partition(b"camera_matrix")[2].replace(b"distortion_coefficients", b"D2")
+_OPENCV_PAIR = (
+    _STEREO.rstrip()
+    + b"\nM2"
+    + _SECOND.rstrip()
+    + b"""
+R: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]
+T: [ -0.1, 0., 0. ]
+"""
+)
+_KITTI = b"P0: 700 0 600 0 0 700 180 0 0 0 1 0\nP1: 700 0 600 -380 0 700 180 0 0 0 1 0\n"
+
+
 def _rectified_eye(path: Path) -> object:
     return calib.load_camera(path, name="LEFT_CAM_HD_RECTIFIED")
+
+
+def _stereo(path: Path) -> object:
+    return load_stereo(path).left_rotation
 
 
 def _any_size(path: Path) -> object:
@@ -124,5 +157,6 @@ FORMATS = {
     "matrices": Format((_STEREO, _ROWS), _any_size),
     "colmap": Format((_COLMAP,), calib.load_camera, "COLMAP are not read"),
     "depth_scale": Format((_DEPTH_SCALE,), calib.load_depth_scale),
+    "stereo": Format((_STEREO_PAIR, _CAMCHAIN, _OPENCV_PAIR, _KITTI), _stereo),
     "transform": Format((_TRANSFORM,), calib.load_transform),
 }

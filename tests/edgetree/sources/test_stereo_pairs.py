@@ -1,0 +1,144 @@
+"""Stereo pairs as sources: pictures, folders, the commands, and what is measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import phone_captures
+import pytest
+from phone_captures import DISTANCE_M, RADIUS_M
+from textured_pair import bent_pair, pictures
+
+import calib
+from basetree.errors import InputError
+from calib.files.stereo import save_stereo
+from edgetree.detections import TreeDetections
+from edgetree.frames import Rig
+from edgetree.frames.pipeline import FoundTrees, measure_frame
+from edgetree.sources.stereo import open_stereo, stereo_rig
+
+Cli = Callable[..., Any]
+
+
+@pytest.fixture
+def pair_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Change to a folder with `left`, `right` and `pair.json`."""
+    monkeypatch.chdir(tmp_path)
+    pair = bent_pair()
+    for side, image in zip(("left", "right"), pictures(pair), strict=True):
+        (tmp_path / side).mkdir()
+        for number in range(2):
+            cv2.imwrite(str(tmp_path / side / f"{number}.png"), image)
+    save_stereo(tmp_path / "pair.json", pair)
+    return tmp_path
+
+
+def rectified_mask() -> np.ndarray:
+    rectified = bent_pair().rectified
+    turn = calib.RigidTransform(rectified.rotation, np.zeros(3)).inverse()
+    return phone_captures.cast(rectified.camera, turn.then(phone_captures.mounting(0)))[1]
+
+
+def test_a_stem_in_a_pair_is_measured(pair_folder: Path) -> None:
+    pair = bent_pair()
+    up = phone_captures.mounting(0).rotation[2]
+    rig = stereo_rig(Rig(up_camera=tuple(up)), pair)
+    frames = list(open_stereo(pair_folder / "left", pair_folder / "right", pair, rig=rig))
+    assert [frame.name for frame in frames] == ["0", "1"]
+    frame = frames[0]
+    assert frame.camera == pair.rectified.camera
+    mask = rectified_mask()
+    rows, columns = np.nonzero(mask)
+    box = np.array([[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]], np.float32)
+    size = (frame.camera.width, frame.camera.height)
+    trees = TreeDetections(box, np.ones(1, np.float32), None, None, *size)
+    result = measure_frame(frame, FoundTrees(trees, (1,), mask[None]), rig)
+    assert result.measurements is not None
+    (stem,) = result.measurements
+    for estimate, value in ((stem.dbh_m, 2 * RADIUS_M), (stem.axis_distance_m, DISTANCE_M)):
+        assert estimate, estimate
+        assert abs(estimate.value - value) < min(3 * estimate.std, 0.04 * value)
+    assert stem.inclination_deg.value < 3  # by the vertical of the rectified camera
+
+
+def test_the_mounting_is_turned_with_the_pictures() -> None:
+    pair, mounting = bent_pair(), phone_captures.mounting(0)
+    rig = stereo_rig(Rig(mounting=mounting, up_camera=tuple(mounting.rotation[2])), pair)
+    assert rig.mounting is not None
+    ahead = pair.rectified.rotation @ np.array([0.1, 0.2, 4.0])
+    np.testing.assert_allclose(rig.mounting.apply(ahead), mounting.apply([0.1, 0.2, 4.0]))
+    np.testing.assert_allclose(rig.mounting.rotation[2], rig.up_camera)
+
+
+def test_run_and_measure_take_pairs(run_cli: Cli, pair_folder: Path) -> None:
+    given = ("--right", "right", "--camera", "pair.json", "--csv", "trees.csv")
+    done = run_cli("run", "left", *given)
+    assert done.code == 0, done.err
+    assert len(done.out.splitlines()) == 2
+    assert "for depth images" in done.err
+    assert "--right right" in done.err.splitlines()[-1]
+    cv2.imwrite("mask.png", rectified_mask().astype(np.uint8))
+    up = ",".join(map(str, phone_captures.mounting(0).rotation[2]))
+    given = ("left/0.png", "--right", "right/0.png", "--camera", "pair.json", "--mask", "mask.png")
+    done = run_cli("measure", *given, "--json", "--up", up)
+    assert done.code == 0, done.err
+    (tree,) = json.loads(done.out)["frame"]["trees"]
+    assert tree["metres"].get("dbh_m") == pytest.approx(0.3, abs=0.02), tree["metres"]
+
+
+WRONG = {
+    "no calibration": ("run left --right right", "--right given without --camera"),
+    "depth as well": (
+        "run left --right right --camera pair.json --depth left",
+        "--depth given with --right",
+    ),
+    "one camera": ("run left --right right --camera one.json", "no known format of a stereo pair"),
+    "fewer pictures": ("run left --right fewer --camera pair.json", "has 2 pictures and fewer has"),
+    "no right picture": (
+        "measure left/0.png --right nothing.png --camera pair.json",
+        "nothing.png does not exist",
+    ),
+    "a kind of depth": (
+        "run left --right right --camera pair.json --depth-kind range",
+        "given with --right: expected none",
+    ),
+    "parts": (
+        "run left --right right --camera pair.json --shards parts",
+        "--right given with --shards",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_options_that_do_not_fit_give_one_line(run_cli: Cli, pair_folder: Path, name: str) -> None:
+    calib.save_camera(pair_folder / "one.json", bent_pair().left)
+    (pair_folder / "fewer").mkdir()
+    (pair_folder / "fewer" / "0.png").write_bytes((pair_folder / "right" / "0.png").read_bytes())
+    command, words = WRONG[name]
+    done = run_cli(*command.split())
+    assert done.code == 2
+    assert words in done.err
+    assert len(done.err.splitlines()) == 1
+
+
+def test_pictures_that_do_not_match_are_a_fault(pair_folder: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (420, 560, 3)).astype(np.uint8)
+    cv2.imwrite(str(pair_folder / "right" / "1.png"), noise)
+    first, second = open_stereo(pair_folder / "left", pair_folder / "right", bent_pair())
+    assert first.depth_fault is None
+    share = (second.depth_m > 0).mean()
+    assert share < 0.02
+
+
+def test_pictures_of_another_size_are_left_out(pair_folder: Path) -> None:
+    small = np.zeros((210, 280, 3), np.uint8)
+    cv2.imwrite(str(pair_folder / "right" / "1.png"), small)
+    frames = iter(open_stereo(pair_folder / "left", pair_folder / "right", bent_pair()))
+    next(frames)
+    with pytest.raises(InputError, match=r"1\.png is 280x210 px: expected 560x420 px, like"):
+        next(frames)
