@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -14,6 +14,7 @@ from basetree.program.options import expand_groups
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
+    Cloud,
     Csv,
     Depth,
     Json,
@@ -63,9 +64,15 @@ class _Inputs:
     """The options that say what to measure, and how its trees are found."""
 
     depth: Depth = None
+    cloud: Cloud = None
     model: ModelByInput = None
     mask: _Mask = None
     score_threshold: ScoreThreshold = 0.5
+
+    @property
+    def distances(self) -> Path | None:
+        """The file that tells distances: a depth image or a point cloud."""
+        return self.depth or self.cloud
 
     def check(self, image: Path, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other."""
@@ -79,7 +86,9 @@ class _Inputs:
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        if self.mask is not None and self.depth is None:
+        if self.depth is not None and self.cloud is not None:
+            raise InputError("--cloud given with --depth: expected one of them")
+        if self.mask is not None and self.distances is None:
             raise InputError("--mask given without --depth: expected the depth image to measure in")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
@@ -101,9 +110,9 @@ class _Inputs:
         from edgetree.sources import open_source
 
         takes_depth = detector is not None and detector.manifest.takes_depth
-        if self.depth is None and not takes_depth:
+        if self.distances is None and not takes_depth:
             raise InputError("--depth is missing: expected the depth image to measure in")
-        (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
+        (frame,) = open_source(image, self.distances, depth_only=self.distances is None, rig=rig)
         if frame.depth_fault is not None:
             raise InputError(frame.depth_fault)
         if detector is not None:
@@ -164,8 +173,11 @@ def measure(
     from edgetree.results.text_table import table_lines
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
-    if shards.are_given and mask is not None:
-        raise InputError("--mask given with --shards: expected a model")
+    if shards.are_given and (mask or inputs.cloud) is not None:
+        raise InputError(
+            f"--{'cloud' if mask is None else 'mask'} given with --shards: expected"
+            f" {'--depth' if mask is None else 'a model'}"
+        )
     if not shards.are_given:
         inputs.check(image, outputs)
     check_paths(
@@ -173,6 +185,7 @@ def measure(
         {
             "source": image,
             "--depth": depth,
+            "--cloud": inputs.cloud,
             "--model": model_file(inputs.model),
             "--mask": mask,
             **rig_options.files(camera),
@@ -215,8 +228,10 @@ def measure(
     elif outputs.csv is None:
         note(f"next: edgetree measure {options} --csv {stem}_trees.csv")
     else:
-        options = f"{rig_options.words(None, camera)}{_words(inputs, mask=False)}"
-        note(f"next: edgetree run FRAMES --depth DEPTHS{options} --csv trees.csv")
+        others = replace(inputs, cloud=None)
+        options = f"{rig_options.words(None, camera)}{_words(others, mask=False)}"
+        kind = "--cloud CLOUDS" if inputs.cloud else "--depth DEPTHS"
+        note(f"next: edgetree run FRAMES {kind}{options} --csv trees.csv")
 
 
 def _record(
@@ -234,7 +249,7 @@ def _record(
     return {
         "schema": "edgetree.measure/1",
         **trees_from,
-        "depth": str(inputs.depth or image),
+        "depth": str(inputs.distances or image),
         "camera": result.camera.to_dict(),
         "frame": frame_record(result),
         **{name: None if path is None else str(path) for name, path in paths.items()},
@@ -243,5 +258,5 @@ def _record(
 
 def _words(inputs: _Inputs, *, mask: bool) -> str:
     """The options that say how trees are found, as they would be typed on the command line."""
-    given = {"model": inputs.model, "mask": inputs.mask if mask else None}
+    given = {"cloud": inputs.cloud, "model": inputs.model, "mask": inputs.mask if mask else None}
     return "".join(f" --{name} {quoted(value)}" for name, value in given.items() if value)

@@ -65,6 +65,21 @@ Depth: TypeAlias = Annotated[
         " as depth."
     ),
 ]
+Cloud: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Point cloud of a laser scanner for an image, or folder with those of a folder of"
+        " images, by their names: PLY, PCD, LAS, LAZ, NPZ or KITTI's BIN, in metres. It is"
+        " projected into the picture, which needs --camera and --extrinsic."
+    ),
+]
+Extrinsic: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the transform from the scanner's frame to the image camera's (x right,"
+        " y down, z forward), for point clouds."
+    ),
+]
 DepthScale: TypeAlias = Annotated[
     str | None,
     typer.Option(

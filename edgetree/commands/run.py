@@ -17,6 +17,7 @@ from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     Camera,
+    Cloud,
     Csv,
     Depth,
     Json,
@@ -93,6 +94,7 @@ class _Inputs:
 
     model: ModelByInput = None
     depth: Depth = None
+    cloud: Cloud = None
     camera: Camera = None
     topic: Topic = None
     scene: Scene = None
@@ -104,7 +106,7 @@ class _Inputs:
 
         return open_frames(
             source,
-            self.depth,
+            self.depth or self.cloud,
             rig=rig,
             detector=detector,
             topics=topics_by_role(self.topic),
@@ -114,6 +116,7 @@ class _Inputs:
     def words(self) -> str:
         """The options about streams as they would be typed on the command line."""
         given = [("topic", name) for name in self.topic or ()]
+        given += [] if self.cloud is None else [("cloud", str(self.cloud))]
         given += [] if self.scene is None else [("scene", str(self.scene))]
         return "".join(f" --{name} {quoted(value)}" for name, value in given)
 
@@ -315,11 +318,14 @@ def _check(
         {
             "source": source,
             "--depth": inputs.depth,
+            "--cloud": inputs.cloud,
             "--model": model_file(inputs.model),
             **rig_options.files(inputs.camera),
         },
     )
     check_report(outputs.report)
+    if inputs.depth is not None and inputs.cloud is not None:
+        raise InputError("--cloud given with --depth: expected one of them")
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
     if outputs.coco and is_video(source):

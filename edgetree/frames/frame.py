@@ -35,6 +35,8 @@ class Frame:
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
         pose: Transform from the camera's frame to a fixed frame (x and y level, z up), as from the
             machine's odometry; None if unknown.
+        filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
+            in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Frame:
     camera: PinholeCamera | None = None
     up_camera: NDArray[np.float64] | None = None
     pose: RigidTransform | None = None
+    filled_depth_m: NDArray[np.float32] | None = None
 
     @property
     def where(self) -> str:

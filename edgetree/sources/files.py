@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
+from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
@@ -170,12 +171,14 @@ def _open_folder(
     if depth is not None:
         if not depth.is_dir():
             raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
-        depth = _with_files(depth, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
         present = {path.name for path in depth.iterdir()}
         if depth.resolve() == folder.resolve():
             paths = [path for path in paths if not is_depth_name(path.stem)] or paths
             present -= {path.name for path in paths}
-        paired = depth_names(paths, present, str(folder), str(depth))
+        has_clouds = not any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+        suffixes = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
+        paired = depth_names(paths, present, str(folder), str(depth), suffixes)
         if paired.remark is not None:
             _log.warning("%s", paired.remark)
         depths = [depth / name for name in paired.names]
@@ -236,6 +239,9 @@ class _ImageFrames(BaseSource):
         if depth is None:
             return Frame(name, path, image)
         size_px = (image.shape[1], image.shape[0])
+        if is_cloud_file(depth):
+            beams = self._rig.read_beams(depth, size_px)
+            return Frame(name, path, image, beams.depth_m, filled_depth_m=beams.filled_m)
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
     def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:
