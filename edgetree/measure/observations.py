@@ -145,7 +145,8 @@ def _sample_depth(
         depth_m = frame.depth_at(regions.points(across_px + shift_px[:, None, None]))
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
-    own = own_readings(frame, regions, edges_px, depth_m, on_stem)
+    beams_px = None if beams is None else beams.xy_px
+    own = own_readings(frame, regions, edges_px, depth_m, on_stem, beams_px)
     depth_m = own.depth_m
     count = len(position)
     spacing = np.stack(
