@@ -1,6 +1,6 @@
 """Point clouds of laser scanners: files of all common formats, and clouds in a camera's picture."""
 
-from calib.clouds.beams import BeamDepth, Spacing, depth_of_beams, fill_between
+from calib.clouds.beams import BeamDepth, Spacing, depth_of_beams, fill_between, grown_across
 from calib.clouds.cloud import PointCloud
 from calib.clouds.files import CLOUD_SUFFIXES, is_cloud_file, read_cloud
 
@@ -11,6 +11,7 @@ __all__ = [
     "Spacing",
     "depth_of_beams",
     "fill_between",
+    "grown_across",
     "is_cloud_file",
     "read_cloud",
 ]

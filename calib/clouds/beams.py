@@ -25,15 +25,32 @@ _BEHIND_M, _BEHIND_SHARE = 0.15, 0.03
 _ROW_PX, _GAP_QUANTILE = 2, 0.8
 _GAP_MARGIN: Final = 1.5
 _MOST_ACROSS_PX, _MOST_DOWN_PX = 24.0, 120.0
+_LEAST_GAP_PX: Final = 0.5
+_LEAST_APART, _LEAST_GROWTH = 1.3, 0.4
 _LEAST_BEAMS: Final = 20
 _LENS_MARGIN: Final = 1.05
 
 
 class Spacing(NamedTuple):
-    """Distances between neighbouring beams of one surface in a picture, in pixels."""
+    """Distances between neighbouring beams of one surface in a picture.
+
+    Those of one scan are nearly the same in pixels at all depths. Clouds of several scans have
+    points at equal distances in space, so that they lie further apart on near surfaces.
+
+    Attributes:
+        across_px, down_px: Distances in pixels at `at_m`.
+        at_m: A depth in the middle of the cloud.
+        growth: 0 for the same distance in pixels at all depths, 1 for the same in metres.
+    """
 
     across_px: float
     down_px: float
+    at_m: float = 1.0
+    growth: float = 0.0
+
+    def factor(self, depth_m: Float) -> Float:
+        """How much further apart beams are at depths (...) in metres."""
+        return np.asarray((self.at_m / depth_m) ** self.growth)
 
 
 class BeamDepth(NamedTuple):
@@ -85,7 +102,7 @@ def depth_of_beams(
         raise CloudError(_few(cloud, camera, cloud_to_camera, len(points)))
     depth_m = points[:, 2]
     spacing = _spacing(xy_px, depth_m)
-    hidden = _hidden(xy_px, depth_m, spacing, camera)
+    hidden = _hidden(xy_px, depth_m, spacing)
     seen_px, seen_m = xy_px[~hidden].astype(np.intp), depth_m[~hidden]
     order = np.argsort(-seen_m)  # the nearest is written last
     image = np.zeros((camera.height, camera.width), np.float32)
@@ -106,25 +123,46 @@ def fill_between(depth_m: Float32, spacing: Spacing) -> Float32:
         (H, W) float32 metres, 0 where no surface was hit.
     """
     inverse = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=depth_m > 0)
-    across, down = (int(np.ceil(_GAP_MARGIN * gap_px)) for gap_px in spacing)
-    inverse = _between(inverse, across)
-    inverse = _between(inverse.T, down).T
-    inverse = _between(inverse, across)
+    inverse = _between(inverse, spacing.across_px, spacing)
+    inverse = _between(inverse.T, spacing.down_px, spacing).T
+    inverse = _between(inverse, spacing.across_px, spacing)
     filled = np.divide(1.0, inverse, out=np.zeros(inverse.shape), where=inverse > 0)
     return filled.astype(np.float32)
 
 
-def _between(inverse: Float, gap_px: int) -> Float:
+def grown_across(depth_m: Float32, spacing: Spacing) -> Float32:
+    """Let surfaces end half a spacing beyond their outermost beams, where they end on the average.
+
+    Args:
+        depth_m: (H, W) depth as from `fill_between`.
+        spacing: Distances between the beams.
+
+    Returns:
+        (H, W) float32 metres; of two surfaces the nearer one grows.
+    """
+    reach = int(spacing.across_px / 2)
+    if not reach:
+        return depth_m
+    far = np.where(depth_m > 0, depth_m, np.float32(np.inf))
+    nearest = cv2.erode(far, np.ones((1, 2 * reach + 1), np.uint8))
+    grown = np.where((depth_m > 0) | ~np.isfinite(nearest), depth_m, nearest)
+    return np.asarray(grown, np.float32)
+
+
+def _between(inverse: Float, gap_px: float, spacing: Spacing) -> Float:
     """Interpolate along the rows between readings of one surface that are close enough."""
     place = np.arange(inverse.shape[1])
     known = inverse > 0
     before = np.maximum.accumulate(np.where(known, place, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, place, len(place))[:, ::-1], axis=1)[:, ::-1]
-    closed = ~known & (before >= 0) & (after < len(place)) & (after - before <= gap_px)
+    nearest = np.ceil(_GAP_MARGIN * gap_px * max(float(spacing.factor(1 / inverse.max())), 1.0))
+    closed = ~known & (before >= 0) & (after < len(place)) & (after - before <= nearest)
     rows, columns = np.nonzero(closed)
     first, last = before[rows, columns], after[rows, columns]
     start, end = inverse[rows, first], inverse[rows, last]
     same = np.abs(start - end) < _SAME_SURFACE * np.maximum(start, end)
+    allowed_px = np.ceil(_GAP_MARGIN * gap_px * spacing.factor(1 / np.maximum(start, end)))
+    same &= last - first <= allowed_px
     rows, columns, first, last = rows[same], columns[same], first[same], last[same]
     share = (columns - first) / (last - first)
     result = inverse.copy()
@@ -163,33 +201,62 @@ def _few(cloud: PointCloud, camera: PinholeCamera, to_camera: RigidTransform, co
 
 def _spacing(xy_px: Float, depth_m: Float) -> Spacing:
     """The distances between neighbouring beams of one surface."""
-    across_px = _gap_px(xy_px[:, 1] / _ROW_PX, xy_px[:, 0], depth_m, 0.5, _MOST_ACROSS_PX)
+    gaps_px, _ = _gaps(xy_px[:, 1] / _ROW_PX, xy_px[:, 0], depth_m, _MOST_ACROSS_PX)
+    across_px = _quantile(gaps_px, 0.5)
     width_px = max(_GAP_MARGIN * across_px, 1.0)
-    down_px = _gap_px(xy_px[:, 0] / width_px, xy_px[:, 1], depth_m, _GAP_QUANTILE, _MOST_DOWN_PX)
-    return Spacing(across_px, down_px)
+    gaps_px, at_m = _gaps(xy_px[:, 0] / width_px, xy_px[:, 1], depth_m, _MOST_DOWN_PX)
+    if not len(gaps_px):
+        return Spacing(across_px, 1.0)
+    middle_m = float(np.median(at_m))
+    near, far = at_m <= np.quantile(at_m, 1 / 3), at_m >= np.quantile(at_m, 2 / 3)
+    rise = _quantile(gaps_px[near], _GAP_QUANTILE) / _quantile(gaps_px[far], _GAP_QUANTILE)
+    apart = float(np.median(at_m[far]) / np.median(at_m[near]))
+    growth = np.log(rise) / np.log(apart) if apart > _LEAST_APART else 0.0
+    # One scan seen from beside itself differs a little with the depth.
+    growth = float(np.clip(growth, 0.0, 1.0)) if growth > _LEAST_GROWTH else 0.0
+    return Spacing(across_px, _quantile(gaps_px, _GAP_QUANTILE), middle_m, growth)
 
 
-def _gap_px(band: Float, place_px: Float, depth_m: Float, quantile: float, most_px: float) -> float:
-    """A quantile of the gaps between readings of one surface along bands (N,) of the picture."""
+def _gaps(band: Float, place_px: Float, depth_m: Float, most_px: float) -> tuple[Float, Float]:
+    """Gaps (M,) between readings of one surface along bands (N,) of the picture, and depths (M,)."""
     band = np.floor(band)
     order = np.lexsort((place_px, band))
     band, place_px, inverse = band[order], place_px[order], 1 / depth_m[order]
     gap_px = np.diff(place_px)
     larger = np.maximum(inverse[1:], inverse[:-1])
     same = (np.diff(band) == 0) & (np.abs(np.diff(inverse)) < _SAME_SURFACE * larger)
-    gap_px = gap_px[same & (gap_px <= most_px) & (gap_px >= 0.5)]
-    return float(np.quantile(gap_px, quantile)) if len(gap_px) else 1.0
+    same &= (gap_px <= most_px) & (gap_px >= _LEAST_GAP_PX)
+    return gap_px[same], 1 / larger[same]
 
 
-def _hidden(xy_px: Float, depth_m: Float, spacing: Spacing, camera: PinholeCamera) -> Bool:
+def _quantile(gaps_px: Float, quantile: float) -> float:
+    return float(np.quantile(gaps_px, quantile)) if len(gaps_px) else 1.0
+
+
+def _hidden(xy_px: Float, depth_m: Float, spacing: Spacing) -> Bool:
     """(N,) whether a point lies behind a nearer surface that shows above and below it."""
-    width_px = max(_GAP_MARGIN * spacing.across_px, 1.0)
-    height_px = max(spacing.down_px / 4, 1.0)
+    hidden = np.zeros(len(depth_m), np.bool_)
+    farthest_m = float(depth_m.max())
+    near_m = float(depth_m.min()) if spacing.growth else farthest_m
+    while True:
+        # Surfaces up to this depth, with the gaps of the nearest ones that are not done yet.
+        until_m = min(2 * near_m, farthest_m)
+        hidden |= _behind(xy_px, depth_m, depth_m <= until_m, spacing, near_m)
+        if until_m >= farthest_m:
+            return hidden
+        near_m = until_m
+
+
+def _behind(xy_px: Float, depth_m: Float, front: Bool, spacing: Spacing, near_m: float) -> Bool:
+    """(N,) whether points lie behind those of `front` (N,), which are spaced as at `near_m`."""
+    factor = float(spacing.factor(np.array(near_m)))
+    width_px = max(_GAP_MARGIN * spacing.across_px * factor, 1.0)
+    down_px = min(spacing.down_px * factor, _MOST_DOWN_PX)
+    height_px = max(down_px / 4, 1.0)
     cells = (xy_px / (width_px, height_px)).astype(np.intp)
-    shape = cells.max(0)[::-1] + 1
-    nearest = np.full(shape, np.inf)
-    np.minimum.at(nearest, (cells[:, 1], cells[:, 0]), depth_m)
-    reach = int(np.ceil(_GAP_MARGIN * spacing.down_px / height_px))
+    nearest = np.full(cells.max(0)[::-1] + 1, np.inf)
+    np.minimum.at(nearest, (cells[front, 1], cells[front, 0]), depth_m[front])
+    reach = int(np.ceil(_GAP_MARGIN * down_px / height_px))
     sides = (_nearest_along(nearest, reach, up) for up in (True, False))
     above, below = (side_m[cells[:, 1], cells[:, 0]] for side_m in sides)
     front_m = np.maximum(above, below)

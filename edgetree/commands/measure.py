@@ -41,7 +41,8 @@ _Image: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="IMAGE",
-        help="One image; with --shards a folder or URL of images or of recordings.",
+        help="One image, or a point cloud for the view of a camera with --extrinsic; with --shards"
+        " a folder or URL of images or of recordings.",
     ),
 ]
 _Camera: TypeAlias = Annotated[
@@ -169,6 +170,7 @@ def measure(
     """
     from basetree.errors import InputError
     from basetree.files.writing import check_paths
+    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import note_files, unlike_words
     from edgetree.results.text_table import table_lines
 
@@ -191,7 +193,7 @@ def measure(
             **rig_options.files(camera),
         },
     )
-    model = model_for(inputs.model, depth)
+    model = model_for(inputs.model, depth or (image if is_cloud_file(image) else None))
     if shards.are_given:
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)

@@ -47,7 +47,8 @@ _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="An image, a folder of images, a video, a ROS bag or MCAP file, or a simulated drive;"
+        help="An image, a folder of images, a video, a point cloud (seen by virtual cameras all"
+        " around), a ROS bag or MCAP file, or a simulated drive;"
         " with --shards a folder or URL of images or of recordings.",
     ),
 ]
@@ -197,6 +198,7 @@ def run(
     and a camera the measurements of each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the
     results so far.
     """
+    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
@@ -214,7 +216,8 @@ def run(
     from edgetree.sources.opening import is_stream
 
     _check(source, inputs, rig_options, outputs, shards)
-    model = model_for(inputs.model, inputs.depth or depth_inside(source))
+    cloud = source if is_cloud_file(source) else None  # which depth models see
+    model = model_for(inputs.model, inputs.depth or cloud or depth_inside(source))
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)

@@ -21,6 +21,7 @@ from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
+from edgetree.sources.cloud_views import CloudViews
 from edgetree.sources.depth_pairing import (
     COLOUR_FOLDERS,
     DEPTH_FOLDERS,
@@ -46,7 +47,7 @@ def open_source(
     rig: Rig | None = None,
     upright: bool = True,
 ) -> FrameSource:
-    """Open an image, a folder of images, or a video.
+    """Open an image, a folder of images, a video, or a point cloud as virtual cameras see it.
 
     With depth or a camera the pixels are those that the camera stored. Without both, they are
     turned as the EXIF orientation or the video says, as viewers show them. A warning tells which.
@@ -76,6 +77,8 @@ def open_source(
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
+    if is_cloud_file(path) and depth is None:
+        return CloudViews(path, rig)
     if is_picture(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
