@@ -218,7 +218,7 @@ def _spacing(xy_px: Float, depth_m: Float) -> Spacing:
 
 
 def _gaps(band: Float, place_px: Float, depth_m: Float, most_px: float) -> tuple[Float, Float]:
-    """Gaps (M,) between readings of one surface along bands (N,) of the picture, and depths (M,)."""
+    """Gaps (M,) between readings of one surface along bands (N,), in px, and their depths (M,)."""
     band = np.floor(band)
     order = np.lexsort((place_px, band))
     band, place_px, inverse = band[order], place_px[order], 1 / depth_m[order]

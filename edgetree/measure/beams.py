@@ -28,16 +28,23 @@ class StemBeams(NamedTuple):
     """Beams on T stems, at S stations and N places across each.
 
     Attributes:
-        xy_px: (T, S, N, 2) places of the beams; outside the image for stems with too few.
+        xy_px: (T, S, N, 2) places of the beams; the places themselves of stems with too few.
         places_per_beam: (T,) at how many places each beam is read.
+        enough: (T,) whether there are enough of them.
     """
 
     xy_px: Float
     places_per_beam: Float
+    enough: Bool
 
 
 def beams_on_stems(
-    frame: DepthFrame, regions: SearchRegions, edges_px: Float, within: Float, across: Float
+    frame: DepthFrame,
+    regions: SearchRegions,
+    edges_px: Float,
+    within: Float,
+    across: Float,
+    places_px: Float,
 ) -> StemBeams:
     """The beam nearest to each place on the stems.
 
@@ -49,20 +56,19 @@ def beams_on_stems(
         edges_px: (2, T, S) left and right edges across the regions.
         within: (T, S) share of the half width in which depth is read.
         across: (N,) places across the stem, from -1 to 1.
+        places_px: (T, S, N, 2) the places in the image.
     """
-    assert frame.beams_px is not None
-    count, stations = edges_px.shape[1:]
-    found = np.full((count, stations, len(across), 2), _OUTSIDE_PX)
-    places_per_beam = np.ones(count)
+    found = places_px.copy()
+    places_per_beam, enough = np.ones(len(found)), np.zeros(len(found), np.bool_)
     on_stem = _on_stem(frame, regions, edges_px, within)
     for index, own in enumerate(on_stem):
         if len(own) < MIN_BEAMS:
             continue
         at = np.stack(_in_region(own, regions, index), -1)
         nearest = _nearest(regions, index, edges_px[:, index], within[index], across, at)
-        found[index] = own[nearest]
+        found[index], enough[index] = own[nearest], True
         places_per_beam[index] = nearest.size / len(np.unique(nearest))
-    return StemBeams(found, places_per_beam)
+    return StemBeams(found, places_per_beam, enough)
 
 
 def _on_stem(

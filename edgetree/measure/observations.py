@@ -138,11 +138,13 @@ def _sample_depth(
     xy_px = regions.points(across_px)
     beams = None
     if frame.beams_px is not None:
-        beams = beams_on_stems(frame, regions, edges_px, within, across)
+        beams = beams_on_stems(frame, regions, edges_px, within, across, xy_px)
         xy_px = beams.xy_px
     rays, depth_m = frame.readings(xy_px)
     if shift_px.any():
         depth_m = frame.depth_at(regions.points(across_px + shift_px[:, None, None]))
+    if beams is not None:
+        depth_m = np.where(beams.enough[:, None, None], depth_m, 0.0)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
     beams_px = None if beams is None else beams.xy_px
