@@ -92,9 +92,9 @@ def scan(
     )
     kept = rng.random(len(ranges_m)) >= scanner.lost
     points = directions[beams[kept]] * ranges_m[kept, None]
-    wrong = RigidTransform.from_euler_deg(
-        *rng.normal(0, rotation_std_deg, 3).tolist(), rng.normal(0, translation_std_m, 3)
-    )
+    about_x, about_y, about_z = rng.normal(0, rotation_std_deg, 3).tolist()
+    aside_m = rng.normal(0, translation_std_m, 3)
+    wrong = RigidTransform.from_euler_deg(about_x, about_y, about_z, aside_m)
     return Scan(PointCloud(points), wrong.then(true))
 
 

@@ -129,7 +129,9 @@ def _compressed(content: bytes, record: np.dtype[Any], count: int) -> np.ndarray
         data = decompress(content[8 : 8 + packed], size)
     except ValueError as error:
         raise CloudError(f"its points cannot be unpacked: {error}") from error
-    points = np.zeros(count, [(name, "<f8") for name in ("x", "y", "z") if name in record.fields])
+    points = np.zeros(
+        count, [(name, "<f8") for name in ("x", "y", "z") if name in (record.names or ())]
+    )
     at = 0
     for name in record.names or ():
         kind = record[name]

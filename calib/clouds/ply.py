@@ -42,7 +42,7 @@ class _Element(NamedTuple):
     """An element of a header: its name, number, and properties as (name, type of numpy)."""
 
     name: str
-    count: int
+    number: int
     properties: list[tuple[str, str]]
 
 
@@ -100,12 +100,12 @@ def _record(element: _Element, format_name: str) -> np.dtype[Any]:
 
 def _size_of(content: memoryview, format_name: str, element: _Element) -> int:
     """Bytes of an element before the vertices."""
-    check_count(element.count)
+    check_count(element.number)
     if format_name != "ascii":
-        return element.count * _record(element, format_name).itemsize
+        return element.number * _record(element, format_name).itemsize
     at = 0
     data = bytes(content)
-    for _ in range(element.count):
+    for _ in range(element.number):
         at = data.find(b"\n", at) + 1
         if not at:
             return len(data)
@@ -114,13 +114,13 @@ def _size_of(content: memoryview, format_name: str, element: _Element) -> int:
 
 def _vertices(content: memoryview, format_name: str, element: _Element) -> Float:
     record = _record(element, format_name)
-    check_count(element.count)
+    check_count(element.number)
     if format_name == "ascii":
-        return xyz_of_records(read_rows(bytes(content), element.count, record))
+        return xyz_of_records(read_rows(bytes(content), element.number, record))
     there = len(content) // record.itemsize
-    if there < element.count:
-        raise CloudError(f"it ends after {there} of {element.count} points: expected all")
-    return xyz_of_records(np.frombuffer(content, record, element.count))
+    if there < element.number:
+        raise CloudError(f"it ends after {there} of {element.number} points: expected all")
+    return xyz_of_records(np.frombuffer(content, record, element.number))
 
 
 def read_rows(text: bytes, count: int, record: np.dtype[Any]) -> np.ndarray[Any, Any]:

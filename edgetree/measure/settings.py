@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from basetree.errors import InputError
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
@@ -140,4 +141,5 @@ class MeasureSettings:
         """The same with the depth's noise of a laser scanner, where it is not given."""
         usual = MeasureSettings()
         unset = {name for name in _BEAM_ERRORS if getattr(self, name) == getattr(usual, name)}
-        return replace(self, **{name: _BEAM_ERRORS[name] for name in unset})
+        changes: dict[str, Any] = {name: _BEAM_ERRORS[name] for name in unset}
+        return replace(self, **changes)

@@ -130,7 +130,7 @@ def viewpoint_m(points_m: Float) -> Float:
     for x in np.arange(low[0] + cell_m / 2, high[0], cell_m):
         for y in np.arange(low[1] + cell_m / 2, high[1], cell_m):
             apart_m = np.hypot(points[:, 0] - x, points[:, 1] - y)
-            seen = np.count_nonzero((apart_m > _WITHIN_M[0]) & (apart_m < _WITHIN_M[1]))
+            seen = int(((apart_m > _WITHIN_M[0]) & (apart_m < _WITHIN_M[1])).sum())
             near = points[apart_m < 2 * cell_m, 2]
             if seen <= most or not len(near):
                 continue
