@@ -1,4 +1,4 @@
-"""`--cloud` and `--extrinsic`: a scan beside a picture, and what is wrong about them, in one line."""
+"""A scan beside a picture, by `--cloud` and `--extrinsic`, and mistakes about them."""
 
 import json
 import re
