@@ -24,6 +24,7 @@ ABSENT = (
     "rosbags",
     "mcap",
     "zstandard",
+    "laspy",
     "small_gicp",
     "lzfse",
     "ray",

@@ -6,7 +6,7 @@
     ├── InputError             exit code 2: a file, folder or value given by the user cannot be used
     │   ├── InputFileError     exit code 2: a file is missing, unreadable or not writable
     │   ├── SettingsError      exit code 2: a setting is out of its range
-    │   ├── CameraError, DepthError            (calib)
+    │   ├── CameraError, DepthError, CloudError (calib)
     │   ├── JobError, StoreError               (basetree.jobs)
     │   ├── DatasetError, CheckpointError      (perceptree)
     │   └── ModelFileError, SignatureError     (edgetree)

@@ -35,7 +35,7 @@ from calib.depth_scale import (
     save_depth_scale,
 )
 from calib.directions import CAMERA_UP
-from calib.errors import CameraError, DepthError
+from calib.errors import CameraError, CloudError, DepthError
 from calib.files import load_camera, load_transform, save_camera, save_transform
 from calib.ground import GroundPlane, GroundPlaneFailure, fit_ground_plane, fit_ground_planes
 from calib.labels import CocoLabels
@@ -51,6 +51,7 @@ from calib.transform import RigidTransform
 __all__ = [
     "CAMERA_UP",
     "CameraError",
+    "CloudError",
     "CocoLabels",
     "CocoRle",
     "DepthConvention",

@@ -25,6 +25,10 @@ class DepthError(InputError):
     """Depth map or encoding of the wrong shape, dtype or unit."""
 
 
+class CloudError(InputError):
+    """Point cloud that is damaged, empty, of another format, or outside of the picture."""
+
+
 @dataclass(frozen=True)
 class Failure:
     """The reason why something could not be found. Falsy."""

@@ -25,6 +25,8 @@ class Limits:
             and in the records inside of model files, checkpoints and training states.
         image_pixels: Pixels of a picture, depth map or mask, width times height. Reading one may
             take 5 bytes of memory for each of these pixels: pictures of deep pixels may have fewer.
+        cloud_points: Points of a point cloud. Reading one may take 100 bytes of memory for each,
+            and its file may have 64 bytes for each.
         recording_chunk_bytes: Bytes of a chunk or message of a recording when it is unpacked.
         model_memory_bytes: Memory that opening a model file on the CPU may take, if it is less than
             640 MiB, 16 times the size of the file and 144 MiB for each thread together. Running it
@@ -44,6 +46,7 @@ class Limits:
     text_values: int = 50_000
     text_nesting: int = 50
     image_pixels: int = 200_000_000
+    cloud_points: int = 50_000_000
     recording_chunk_bytes: int = 256 * 2**20
     model_memory_bytes: int = 8 * 2**30
 

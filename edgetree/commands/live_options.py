@@ -39,8 +39,8 @@ Topic: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
         metavar="ROLE=NAME",
-        help="Topic of a recording for a role: colour, depth, camera, depth_camera or imu. If not"
-        " given, topics are found by their type.",
+        help="Topic of a recording for a role: colour, depth (or point clouds), camera,"
+        " depth_camera or imu. If not given, topics are found by their type, but for clouds.",
     ),
 ]
 Scene: TypeAlias = Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -14,6 +14,7 @@ from basetree.program.options import expand_groups
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
+    Cloud,
     Csv,
     Depth,
     Json,
@@ -22,6 +23,7 @@ from edgetree.commands.options import (
     Report,
     Right,
     ScoreThreshold,
+    check_distances,
     check_report,
     model_file,
     model_for,
@@ -42,7 +44,8 @@ _Image: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="IMAGE",
-        help="One image; with --shards a folder or URL of images or of recordings.",
+        help="One image, or a point cloud for the view of a camera with --extrinsic; with --shards"
+        " a folder or URL of images or of recordings.",
     ),
 ]
 _Camera: TypeAlias = Annotated[
@@ -66,9 +69,15 @@ class _Inputs:
 
     depth: Depth = None
     right: Right = None
+    cloud: Cloud = None
     model: ModelByInput = None
     mask: _Mask = None
     score_threshold: ScoreThreshold = 0.5
+
+    @property
+    def distances(self) -> Path | None:
+        """The file that tells distances: a depth image or a point cloud."""
+        return self.depth or self.cloud
 
     def check(self, image: Path, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other."""
@@ -84,7 +93,8 @@ class _Inputs:
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        has_depth = (self.depth or self.right or depth_alone(image)) is not None
+        check_distances(self.depth, self.right, self.cloud)
+        has_depth = (self.distances or self.right or depth_alone(image)) is not None
         if self.mask is not None and not has_depth:
             raise InputError("--mask given without --depth: expected the depth image to measure in")
         out = outputs.out
@@ -109,12 +119,14 @@ class _Inputs:
         from edgetree.sources.stereo import open_stereo
 
         takes_depth = detector is None or detector.manifest.takes_depth
-        if self.depth is None and self.right is None and not takes_depth:
+        if self.distances is None and self.right is None and not takes_depth:
             raise InputError("--depth is missing: expected the depth image to measure in")
         if pair is not None and self.right is not None:
             (frame,) = open_stereo(image, self.right, pair, rig=rig)
         else:
-            (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
+            (frame,) = open_source(
+                image, self.distances, depth_only=self.distances is None, rig=rig
+            )
         if frame.depth_fault is not None:
             raise InputError(frame.depth_fault)
         if detector is not None:
@@ -172,14 +184,16 @@ def measure(
     """
     from basetree.errors import InputError
     from basetree.files.writing import check_paths
+    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
     from edgetree.results.text_table import table_lines
     from edgetree.sources.files import depth_alone
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
-    if shards.are_given and (mask is not None or inputs.right is not None):
-        name = "--mask" if inputs.right is None else "--right"
-        raise InputError(f"{name} given with --shards: expected a model and depth images")
+    if shards.are_given:
+        for name in ("mask", "right", "cloud"):
+            if getattr(inputs, name) is not None:
+                raise InputError(f"--{name} given with --shards: expected a model and depth images")
     if not shards.are_given:
         inputs.check(image, outputs)
     check_paths(
@@ -188,12 +202,14 @@ def measure(
             "source": image,
             "--depth": depth,
             "--right": inputs.right,
+            "--cloud": inputs.cloud,
             "--model": model_file(inputs.model),
             "--mask": mask,
             **rig_options.files(camera),
         },
     )
-    model = model_for(inputs.model, depth or inputs.right or depth_alone(image))
+    cloud = image if is_cloud_file(image) else None  # which depth models see
+    model = model_for(inputs.model, depth or inputs.right or cloud or depth_alone(image))
     if shards.are_given:
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
@@ -231,8 +247,10 @@ def measure(
     elif outputs.csv is None:
         note(f"next: edgetree measure {options} --csv {stem}_trees.csv")
     else:
-        options = f"{rig_options.words(None, camera)}{_words(inputs, mask=False)}"
-        note(f"next: edgetree run FRAMES --depth DEPTHS{options} --csv trees.csv")
+        others = replace(inputs, cloud=None)
+        options = f"{rig_options.words(None, camera)}{_words(others, mask=False)}"
+        kind = "--cloud CLOUDS" if inputs.cloud else "--depth DEPTHS"
+        note(f"next: edgetree run FRAMES {kind}{options} --csv trees.csv")
 
 
 def _record(
@@ -250,7 +268,7 @@ def _record(
     return {
         "schema": "edgetree.measure/1",
         **trees_from,
-        "depth": str(inputs.depth or image),
+        "depth": str(inputs.distances or image),
         "camera": result.camera.to_dict(),
         "frame": frame_record(result),
         **{name: None if path is None else str(path) for name, path in paths.items()},
@@ -259,5 +277,10 @@ def _record(
 
 def _words(inputs: _Inputs, *, mask: bool) -> str:
     """The options that say how trees are found, as they would be typed on the command line."""
-    given = {"right": inputs.right, "model": inputs.model, "mask": inputs.mask if mask else None}
+    given = {
+        "right": inputs.right,
+        "cloud": inputs.cloud,
+        "model": inputs.model,
+        "mask": inputs.mask if mask else None,
+    }
     return "".join(f" --{name} {quoted(value)}" for name, value in given.items() if value)

@@ -12,6 +12,7 @@ import typer
 from edgetree.commands.options import (
     DepthKind,
     DepthScale,
+    Extrinsic,
     GroundCover,
     Mounting,
     Provider,
@@ -55,6 +56,7 @@ class RigOptions:
             " identity if not given."
         ),
     ] = None
+    extrinsic: Extrinsic = None
     depth_scale: DepthScale = None
     depth_kind: DepthKind = "depth"
     rotate: Rotate = None
@@ -81,13 +83,16 @@ class RigOptions:
         if depth is None and self.depth_camera is not None:
             raise InputError("--depth-camera given without --depth: expected both")
         depth_camera, mounting = self.depth_camera, self.mounting
-        extrinsics = self.depth_extrinsics
+        extrinsics, cloud_extrinsics = self.depth_extrinsics, self.extrinsic
         rig = Rig(
             camera=None if camera is None else _load_camera(camera),
             up_camera=None if self.up is None else _direction(self.up, self.rotate),
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
+            cloud_extrinsics=(
+                None if cloud_extrinsics is None else load_transform(cloud_extrinsics)
+            ),
             rotation_deg=self.rotate,
             uncertainty=_uncertainty(self.rig_errors),
             depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
@@ -155,6 +160,7 @@ class RigOptions:
             "--mounting": self.mounting,
             "--depth-camera": None if depth_camera is None else _file_and_name(depth_camera)[0],
             "--depth-extrinsics": self.depth_extrinsics,
+            "--extrinsic": self.extrinsic,
             "--depth-scale": existing_file(self.depth_scale),
         }
 

@@ -75,6 +75,21 @@ Right: TypeAlias = Annotated[
         " calib.txt.",
     ),
 ]
+Cloud: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Point cloud of a laser scanner for an image, or folder with those of a folder of"
+        " images, by their names: PLY, PCD, LAS, LAZ, NPZ or KITTI's BIN, in metres. It is"
+        " projected into the picture, which needs --camera and --extrinsic."
+    ),
+]
+Extrinsic: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the transform from the scanner's frame to the image camera's (x right,"
+        " y down, z forward), for point clouds."
+    ),
+]
 DepthScale: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -174,6 +189,16 @@ Report: TypeAlias = Annotated[
 def existing_file(text: str | None) -> Path | None:
     """The value as a path, if it is an existing file; it may also be a number or a name."""
     return None if text is None or not Path(text).is_file() else Path(text)
+
+
+def check_distances(depth: Path | None, right: Path | None, cloud: Path | None) -> None:
+    """Raise InputError if more than one option says where distances come from."""
+    from basetree.errors import InputError
+
+    given = {"--depth": depth, "--right": right, "--cloud": cloud}
+    named = [name for name, value in given.items() if value is not None]
+    if len(named) > 1:
+        raise InputError(f"{named[1]} given with {named[0]}: expected one of them")
 
 
 def check_report(path: Path | None) -> None:

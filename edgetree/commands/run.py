@@ -17,6 +17,7 @@ from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     Camera,
+    Cloud,
     Csv,
     Depth,
     Json,
@@ -25,6 +26,7 @@ from edgetree.commands.options import (
     Report,
     Right,
     ScoreThreshold,
+    check_distances,
     check_report,
     model_file,
     model_for,
@@ -48,8 +50,9 @@ _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="An image, a folder of images, a video, a ROS bag or MCAP file, a capture of a phone"
-        " (.r3d, or the folder of Stray Scanner), or a simulated drive;"
+        help="An image, a folder of images, a video, a point cloud (seen by virtual cameras all"
+        " around), a ROS bag or MCAP file, a capture of a phone (.r3d, or the folder of Stray"
+        " Scanner), or a simulated drive;"
         " with --shards a folder or URL of images or of recordings.",
     ),
 ]
@@ -97,6 +100,7 @@ class _Inputs:
     model: ModelByInput = None
     depth: Depth = None
     right: Right = None
+    cloud: Cloud = None
     camera: Camera = None
     topic: Topic = None
     scene: Scene = None
@@ -113,7 +117,7 @@ class _Inputs:
             return open_stereo(source, self.right, pair, rig=rig)
         return open_frames(
             source,
-            self.depth,
+            self.depth or self.cloud,
             rig=rig,
             detector=detector,
             topics=topics_by_role(self.topic),
@@ -124,6 +128,7 @@ class _Inputs:
         """The options about streams as they would be typed on the command line."""
         given = [("topic", name) for name in self.topic or ()]
         given += [] if self.right is None else [("right", str(self.right))]
+        given += [] if self.cloud is None else [("cloud", str(self.cloud))]
         given += [] if self.scene is None else [("scene", str(self.scene))]
         return "".join(f" --{name} {quoted(value)}" for name, value in given)
 
@@ -204,6 +209,7 @@ def run(
     and a camera the measurements of each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the
     results so far.
     """
+    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
@@ -221,9 +227,9 @@ def run(
     from edgetree.sources.opening import is_stream
 
     _check(source, inputs, rig_options, outputs, shards)
-    model = model_for(
-        inputs.model, inputs.depth or inputs.right or depth_inside(source) or depth_alone(source)
-    )
+    cloud = source if is_cloud_file(source) else None  # which depth models see
+    depth = inputs.depth or inputs.right or cloud or depth_inside(source) or depth_alone(source)
+    model = model_for(inputs.model, depth)
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
@@ -329,11 +335,13 @@ def _check(
             "source": source,
             "--depth": inputs.depth,
             "--right": inputs.right,
+            "--cloud": inputs.cloud,
             "--model": model_file(inputs.model),
             **rig_options.files(inputs.camera),
         },
     )
     check_report(outputs.report)
+    check_distances(inputs.depth, inputs.right, inputs.cloud)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
     if outputs.coco and is_video(source):

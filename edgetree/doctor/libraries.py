@@ -38,6 +38,7 @@ _LOOKED_AT: Final = (
     *ONNXRUNTIME_BUILDS,
     *CAMERA_PACKAGES,
     "rosbags",
+    "laspy",
     "small_gicp",
     "paho-mqtt",
     *TRAINING_PACKAGES,

@@ -56,6 +56,8 @@ class Frame:
         pose: Transform from the camera's frame to a fixed frame (x and y level, z up), as from the
             machine's odometry; None if unknown.
         depth_noise: Errors of the depth, as far as the source knows them; None if it does not.
+        filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
+            in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Frame:
     up_camera: NDArray[np.float64] | None = None
     pose: RigidTransform | None = None
     depth_noise: DepthNoise | None = None
+    filled_depth_m: NDArray[np.float32] | None = None
 
     @property
     def where(self) -> str:

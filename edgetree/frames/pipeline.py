@@ -93,6 +93,8 @@ def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:
     """
     takes_depth = detector.manifest.takes_depth
     image = frame.depth_m if takes_depth else frame.image
+    if takes_depth and frame.filled_depth_m is not None:
+        image = frame.filled_depth_m
     if image is None:
         missing = "depth" if takes_depth else "colour image"
         raise InputError(f"{frame.where} has no {missing}: expected one, as the model takes it")
@@ -196,6 +198,7 @@ def _measure(
         mounting=mounting,
         settings=with_noise(settings, frame.depth_noise),
         rig_uncertainty=rig.known_uncertainty(),
+        sparse=frame.filled_depth_m is not None,
     )
     return [turn.back.measurement(tree) for tree in measured] if turn else measured
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 import calib
 from basetree.errors import InputError
 from basetree.files.reading import orientation_note
+from calib.clouds import depth_of_beams, fill_between, read_cloud
 from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
 from edgetree.frames.turning import Turn, check_rotation, turn_of
@@ -36,6 +37,18 @@ class DepthReading(NamedTuple):
     fault: str | None
 
 
+class BeamReading(NamedTuple):
+    """Depth of a scanner's beams in metres.
+
+    Attributes:
+        depth_m: (H, W) float32 metres, 0.0 = no beam.
+        filled_m: (H, W) the same with the gaps between neighbouring beams closed.
+    """
+
+    depth_m: NDArray[np.float32]
+    filled_m: NDArray[np.float32]
+
+
 @dataclass(frozen=True, eq=False)
 class Rig:
     """The cameras that took the frames, as far as they are known.
@@ -47,6 +60,8 @@ class Rig:
         depth_camera: The depth camera; None if depth files are aligned with the images.
         depth_extrinsics: Transform from the depth camera's frame to the image camera's; None for
             the identity.
+        cloud_extrinsics: Transform from the scanner's frame, that of point clouds, to the image
+            camera's.
         depth_scale_m: Metres per unit of the depth. None: integers are millimetres, floating point
             is metres.
         depth_calibration: Correction of the depth; None for no correction.
@@ -65,6 +80,7 @@ class Rig:
     mounting: calib.RigidTransform | None = None
     depth_camera: calib.PinholeCamera | None = None
     depth_extrinsics: calib.RigidTransform | None = None
+    cloud_extrinsics: calib.RigidTransform | None = None
     depth_scale_m: float | None = None
     depth_calibration: calib.DepthScale | None = None
     depth_kind: calib.DepthKind = "depth"
@@ -79,6 +95,8 @@ class Rig:
             raise InputError(
                 "--depth-camera given without --camera: expected both, to align depth and image"
             )
+        if self.cloud_extrinsics is not None and self.camera is None:
+            raise InputError("--extrinsic given without --camera: expected both, to project clouds")
         if self.depth_extrinsics is not None and self.depth_camera is None:
             raise InputError("--depth-extrinsics given without --depth-camera: expected both")
 
@@ -186,6 +204,31 @@ class Rig:
                 f" image {image}{orientation_note(image) if image else ''}{hint}"
             )
         return DepthReading(depth_m, fault)
+
+    def read_beams(self, path: Path, size_px: tuple[int, int]) -> BeamReading:
+        """Read a point cloud and project it into its image.
+
+        Args:
+            path: The cloud.
+            size_px: Width and height of the image.
+
+        Raises:
+            InputError: The file cannot be read, camera or transform lack, or hardly any point is in
+                the picture.
+        """
+        camera = self.camera_for(*size_px)
+        if camera is None or self.cloud_extrinsics is None:
+            lacks = "--camera" if camera is None else "--extrinsic"
+            raise InputError(
+                f"cloud {path} is given with a picture and without {lacks}: expected both, to"
+                " project it into the picture"
+            )
+        cloud = read_cloud(path)
+        try:
+            beams = depth_of_beams(cloud, camera, self.cloud_extrinsics)
+        except calib.CloudError as error:
+            raise calib.CloudError(f"cloud {path}: {error}") from error
+        return BeamReading(beams.depth_m, fill_between(beams.depth_m, beams.spacing))
 
     def _camera_of_depth(self, path: Path, width: int, height: int) -> calib.PinholeCamera | None:
         """The camera of a range image; None if there is none, or the file holds depth."""

@@ -57,6 +57,12 @@ class DepthEdges(NamedTuple):
     shift_px: Float
     ramp_px: float
 
+    @classmethod
+    def unknown(cls, found: Bool) -> DepthEdges:
+        """Where single beams show no edges; `found` (2, T, S) are those of the masks."""
+        nowhere, zeros = np.zeros_like(found), np.zeros(found.shape[:2])
+        return cls(np.zeros(found.shape), nowhere, nowhere, zeros, zeros[0], 0.0)
+
 
 def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
     """Depth of the front of the stems at the stations, by robust lines of inverse depth.

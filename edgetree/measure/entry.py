@@ -46,6 +46,7 @@ def measure_trees(
     mounting: RigidTransform | None = None,
     settings: MeasureSettings | None = None,
     rig_uncertainty: RigUncertainty | None = None,
+    sparse: bool = False,
 ) -> list[TreeMeasurement]:
     """Measure every tree of one image.
 
@@ -65,6 +66,9 @@ def measure_trees(
             `detections.error_factor`.
         rig_uncertainty: How well camera, depth, vertical and mounting are known. What it does not
             state is assumed, see `RigUncertainty`; `EXACT_RIG` is for simulated frames.
+        sparse: Whether the depth is that of single beams, as `calib.clouds.depth_of_beams` gives
+            it: what lies between them is not known. Widths then come from keypoints and masks
+            alone, and settings of the depth's noise that are not given are those of a scanner.
 
     Returns:
         One measurement per detection, in their order. Quantities that cannot be measured hold the
@@ -87,6 +91,7 @@ def measure_trees(
         True
     """
     settings = (settings or MeasureSettings()).scaled(detections.error_factor)
+    settings = settings.of_beams() if sparse else settings
     _check_sizes(detections, depth_m, camera)
     if masks is not None:
         _check_masks(detections, masks)
@@ -96,7 +101,8 @@ def measure_trees(
     if not len(detections):
         return []
     frame = DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
-    frame = replace(frame, rig=(rig_uncertainty or RigUncertainty()).errors(camera))
+    rig = (rig_uncertainty or RigUncertainty()).errors(camera)
+    frame = replace(frame, rig=rig, is_sparse=sparse)
     if detections.keypoints_px is None and frame.masks is None:
         reason = "the model gives neither keypoints nor masks"
         return [TreeMeasurement.failed(reason) for _ in range(len(detections))]

@@ -87,6 +87,11 @@ class FittedFrame:
             return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
+        if not self.observed.plausible_depth[index] and self.frame.is_sparse:
+            return (
+                "no depth on the stem: the beams within its outline are of something that goes on"
+                " beside it, in front of the stem or behind it"
+            )
         if not self.observed.plausible_depth[index]:
             return (
                 "no depth on the stem: what has depth within its outline may be a branch, netting"

@@ -92,6 +92,7 @@ class DepthFrame:
         rig: Errors of the rig, for vectors in the camera's axes.
         rotation: (3, 3) from the camera's axes to those of the frame's rays; None if they are the
             same.
+        is_sparse: Whether the readings are those of single beams.
     """
 
     camera: PinholeCamera
@@ -101,6 +102,7 @@ class DepthFrame:
     masks_given: bool = False
     rig: RigErrors = NO_ERRORS
     rotation: Float | None = None
+    is_sparse: bool = False
 
     @classmethod
     def from_detections(
@@ -126,6 +128,17 @@ class DepthFrame:
         # A point on the border itself lies on no mask, so the stem's own depth there would pass for
         # ground.
         return np.array([0.5, 0.5]), np.array([self.camera.width, self.camera.height]) - 0.5
+
+    @cached_property
+    def beams_px(self) -> Float | None:
+        """(B, 2) places of all readings of sparse depth, in the order of rows; None of other depth.
+
+        They are the centres of their pixels.
+        """
+        if not self.is_sparse:
+            return None
+        rows, columns = np.nonzero(np.isfinite(self.depth_m) & (self.depth_m > 0))
+        return np.stack([columns, rows], -1) + 0.5
 
     def to_camera(self, vectors: Float) -> Float:
         """Vectors (..., 3) of the frame's axes in those of the camera."""

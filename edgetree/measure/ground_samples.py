@@ -8,6 +8,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from calib import project_points
+from edgetree.measure.beams import beams_within
 from edgetree.measure.constants.ground import MAX_ABOVE_CUT_M, MAX_BELOW_CUT_M
 from edgetree.measure.frame import DepthFrame
 
@@ -51,7 +52,9 @@ def sample_around(
     x_px, y_px = (low + (high - low) * ticks[:, None]).transpose(2, 0, 1)
     xy_by_axis = np.empty((2, len(ahead), grid, grid))
     xy_by_axis[0], xy_by_axis[1] = x_px[:, None], y_px[..., None]
-    xy_px = xy_by_axis.reshape(2, len(ahead), -1).transpose(1, 2, 0)
+    xy_px: Float = xy_by_axis.reshape(2, len(ahead), -1).transpose(1, 2, 0)
+    if frame.is_sparse:
+        xy_px = beams_within(frame, low[:, 0], high[:, 0], grid * grid)
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]

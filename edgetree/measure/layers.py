@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from edgetree.measure.beams import beams_go_on
 from edgetree.measure.constants.depth import (
     BESIDE_SHARE,
     FILLED_SHARE,
@@ -76,7 +77,12 @@ class OwnReadings(NamedTuple):
 
 
 def own_readings(
-    frame: DepthFrame, regions: SearchRegions, edges_px: Float, depth_m: Float, on_stem: Bool
+    frame: DepthFrame,
+    regions: SearchRegions,
+    edges_px: Float,
+    depth_m: Float,
+    on_stem: Bool,
+    beams_px: Float | None = None,
 ) -> OwnReadings:
     """Leave out readings of things in front, as far as the stem has enough of its own.
 
@@ -92,8 +98,13 @@ def own_readings(
         edges_px: (2, T, S) left and right edges across the regions.
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
         on_stem: (T, S, N) places within the masks.
+        beams_px: (T, S, N, 2) places of sparse readings in the image, which fill any outline.
     """
-    goes_on = goes_on_beside(frame, regions, edges_px, depth_m)
+    if beams_px is None:
+        goes_on = goes_on_beside(frame, regions, edges_px, depth_m)
+    else:
+        beams = np.concatenate([beams_px, depth_m[..., None]], -1)
+        goes_on = beams_go_on(frame, regions, edges_px, beams, _noise_m(frame, depth_m))
     own = (depth_m > 0) & ~goes_on
     places = np.maximum(on_stem.sum((1, 2)), 1)
     along = own.any(2).sum(1) / np.maximum(on_stem.any(2).sum(1), 1)
@@ -102,7 +113,7 @@ def own_readings(
     half_px = (edges_px[1] - edges_px[0])[..., None] / 2
     within_m = half_px * front_m / frame.camera.fx + _noise_m(frame, front_m)
     nearer = goes_on & (depth_m < front_m - within_m)
-    fills = (depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places
+    fills = (beams_px is None) & ((depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places)
     left_out = enough[:, None, None] & nearer
     through = _seen_through(frame, depth_m, own, goes_on, half_px) >= SEEN_THROUGH_SHARE * places
     plausible = enough | (fills & ~through)

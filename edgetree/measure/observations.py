@@ -9,6 +9,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from calib.directions import lengths, unit
+from edgetree.measure.beams import beams_on_stems
 from edgetree.measure.constants.depth import DEPTH_WITHIN
 from edgetree.measure.constants.outlines import SECTION_QUANTILE, STATIONS_PER_ERROR
 from edgetree.measure.constants.stems import STEM_BEND_PER_M
@@ -138,12 +139,19 @@ def _sample_depth(
     across = np.linspace(-1, 1, _DEPTH_SAMPLES)
     across_px = middle[..., None] + (within * reach)[..., None] * across
     xy_px = regions.points(across_px)
+    beams = None
+    if frame.beams_px is not None:
+        beams = beams_on_stems(frame, regions, edges_px, within, across, xy_px)
+        xy_px = beams.xy_px
     rays, depth_m = frame.readings(xy_px)
     if shift_px.any():
         depth_m = frame.depth_at(regions.points(across_px + shift_px[:, None, None]))
+    if beams is not None:
+        depth_m = np.where(beams.enough[:, None, None], depth_m, 0.0)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
-    own = own_readings(frame, regions, edges_px, depth_m, on_stem)
+    beams_px = None if beams is None else beams.xy_px
+    own = own_readings(frame, regions, edges_px, depth_m, on_stem, beams_px)
     depth_m = own.depth_m
     count = len(position)
     spacing = np.stack(
@@ -154,6 +162,8 @@ def _sample_depth(
     )
     correlation = frame.settings.depth_correlation_px
     readings_per_error = np.maximum(correlation / np.maximum(spacing, 1e-3), 1.0).prod(0)
+    if beams is not None:
+        readings_per_error = beams.places_per_beam
     flat = depth_m.reshape(count, -1)
     with_depth = flat > 0
     seen = on_stem.reshape(count, -1).sum(1)

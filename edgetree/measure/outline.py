@@ -16,7 +16,7 @@ from edgetree.measure.constants.outlines import (
     MIN_INSET_PX,
     NETWORK_BORDER_PX,
 )
-from edgetree.measure.depth_edges import find_depth_edges, front_depth_m
+from edgetree.measure.depth_edges import DepthEdges, find_depth_edges, front_depth_m
 from edgetree.measure.edge_lines import OuterLines, fit_lines, outer_lines
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.keypoints import Keypoints
@@ -102,7 +102,10 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     coarse_px, seen = coarse_edges(frame, regions)
     edges_px, found = fine_edges(frame, regions, coarse_px, _border_px(frame, keypoints))
     found &= seen
-    depth = find_depth_edges(frame, regions, edges_px, found, front_depth_m(frame, regions))
+    if frame.is_sparse:
+        depth = DepthEdges.unknown(found)
+    else:
+        depth = find_depth_edges(frame, regions, edges_px, found, front_depth_m(frame, regions))
     # Missing readings alone may be a fault of the depth, so they do not move the edges.
     moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
     found = np.where(moves[..., None], depth.known, found)

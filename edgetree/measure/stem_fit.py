@@ -158,6 +158,7 @@ def fit_stems(
     agreeing = equations.kept.sum(1) / np.maximum(points.used.sum(1), 1)
     std = np.sqrt(np.diagonal(lines.covariance, axis1=1, axis2=2))
     bias = settings.depth_bias_per_m * masked_means(points.depth_ratio, points.used)
+    bias = np.hypot(bias, settings.depth_bias_m / np.where(distance_m > 0, distance_m, 1.0) ** 2)
     unread = 1 - equations.kept.mean(1)
     doubt = np.hypot(DISAGREEMENT_STD * (1 - agreeing) ** 2, UNREAD_STD * unread**2)
     # First-order error propagation: the relative error of a distance d is d times the error of its

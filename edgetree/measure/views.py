@@ -68,6 +68,15 @@ class TurnedFrame(DepthFrame):
         known = lengths(turned[..., :2]) < _MAX_TANGENT * turned[..., 2]
         return np.where(known[..., None], project_points(self.camera, turned), np.nan)
 
+    @cached_property
+    def beams_px(self) -> Float | None:
+        """As of the whole frame, in the view's pixels and near its axis."""
+        beams_px = self.source.beams_px
+        if beams_px is None:
+            return None
+        seen_px = self.to_view_px(beams_px)
+        return seen_px[np.isfinite(seen_px).all(1)]
+
     def to_source_px(self, xy_px: Float) -> Float:
         """Points (..., 2) of the view in the image's pixels; far outside where it has none."""
         camera = self.source.camera
@@ -207,6 +216,7 @@ def _turned_view(
         masks_given=frame.masks_given,
         rig=rig,
         rotation=rotation,
+        is_sparse=frame.is_sparse,
         source=frame,
     )
     boxes_px = np.stack([_extent(view.to_view_px(borders[index])) for index in indices])

@@ -50,7 +50,11 @@ def is_depth_name(stem: str) -> bool:
 
 
 def depth_names(
-    images: Sequence[PurePath], present: Collection[str], folder: str, depth_folder: str
+    images: Sequence[PurePath],
+    present: Collection[str],
+    folder: str,
+    depth_folder: str,
+    suffixes: Sequence[str] = DEPTH_SUFFIXES,
 ) -> DepthNames:
     """Find the depth file of each image.
 
@@ -62,36 +66,36 @@ def depth_names(
         present: Names of the depth files that exist.
         folder: Where the images are, for messages.
         depth_folder: Where the depth files are, likewise.
+        suffixes: Those of depth files, or of point clouds.
 
     Raises:
         InputError: No image has a depth file, or two files may be that of an image.
     """
     depths = [
         PurePosixPath(name)
-        for name in sorted(present, key=_rank)
-        if _rank(name)[0] < len(DEPTH_SUFFIXES) and not name.startswith(".")
+        for name in sorted(present, key=lambda name: _rank(name, suffixes))
+        if _rank(name, suffixes)[0] < len(suffixes) and not name.startswith(".")
     ]
     found, remark = _by_stem(images, depths)
     if not any(found):
         found, remark = _by_words(images, depths, folder, depth_folder)
     if not any(found):
         found, remark = _by_time(images, depths)
-    expected = [f"{image.stem}{DEPTH_SUFFIXES[0]}" for image in images]
+    expected = [f"{image.stem}{suffixes[0]}" for image in images]
     if not any(found):
         raise InputError(
             f"depth image {depth_folder}/{expected[0]} does not exist, nor with"
-            f" {', '.join(DEPTH_SUFFIXES[1:])}: expected one for image {folder}/{images[0].name}"
+            f" {', '.join(suffixes[1:])}: expected one for image {folder}/{images[0].name}"
         )
     pairs = list(zip(found, expected, strict=True))
     missing = frozenset(name for depth, name in pairs if depth is None)
     return DepthNames([depth or name for depth, name in pairs], missing, remark)
 
 
-def _rank(name: str) -> tuple[int, str]:
+def _rank(name: str, suffixes: Sequence[str]) -> tuple[int, str]:
     """Where a file stands among those of one stem: by its suffix."""
     suffix = PurePosixPath(name).suffix.lower()
-    known = suffix in DEPTH_SUFFIXES
-    return DEPTH_SUFFIXES.index(suffix) if known else len(DEPTH_SUFFIXES), name
+    return suffixes.index(suffix) if suffix in suffixes else len(suffixes), name
 
 
 _Found = tuple[list[str | None], str | None]

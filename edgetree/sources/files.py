@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
+from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
+from edgetree.sources.cloud_views import CloudViews
 from edgetree.sources.depth_pairing import (
     COLOUR_FOLDERS,
     DEPTH_FOLDERS,
@@ -47,7 +49,7 @@ def open_source(
     rig: Rig | None = None,
     upright: bool = True,
 ) -> FrameSource:
-    """Open an image, a folder of images, or a video.
+    """Open an image, a folder of images, a video, or a point cloud as virtual cameras see it.
 
     A `.npy` file, a folder without pictures, and a source that is given as its own depth hold depth
     alone. With depth or a camera the pixels are those that the camera stored. Without both, they
@@ -82,6 +84,8 @@ def open_source(
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
+    if is_cloud_file(path) and depth is None:
+        return CloudViews(path, rig)
     if is_picture(path) or (depth_only and path.suffix.lower() == _ARRAY):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
@@ -213,12 +217,14 @@ def _open_folder(
     if depth is not None:
         if not depth.is_dir():
             raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
-        depth = _with_files(depth, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
         present = {path.name for path in depth.iterdir()}
         if depth.resolve() == folder.resolve():
             paths = [path for path in paths if not is_depth_name(path.stem)] or paths
             present -= {path.name for path in paths}
-        paired = depth_names(paths, present, str(folder), str(depth))
+        has_clouds = not any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+        suffixes = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
+        paired = depth_names(paths, present, str(folder), str(depth), suffixes)
         if paired.remark is not None:
             _log.warning("%s", paired.remark)
         depths = [depth / name for name in paired.names]
@@ -293,6 +299,9 @@ class _ImageFrames(BaseSource):
         if depth is None:
             return Frame(name, path, image)
         size_px = (image.shape[1], image.shape[0])
+        if is_cloud_file(depth):
+            beams = self._rig.read_beams(depth, size_px)
+            return Frame(name, path, image, beams.depth_m, filled_depth_m=beams.filled_m)
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
     def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:

@@ -97,6 +97,10 @@ Source: chosen, so many readings know their scatter to a quarter."""
 MIN_READINGS: Final = 4
 """Fewer readings fit no stem. Source: bound, the fit has three unknowns."""
 
+MIN_BEAMS: Final = 5
+"""Fewer beams of a laser scanner fit no stem: two more than the fit has unknowns.
+Source: chosen."""
+
 MIN_DEPTH_SHARE: Final = 0.05
 """Share of the places on a stem that must have a reading.
 Source: bound, of 216 places 10 are left."""

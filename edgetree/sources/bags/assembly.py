@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 
 import calib
 from basetree.errors import InputError
+from calib.clouds import PointCloud
 from calib.files.fields import choices_of
 from edgetree.frames.frame import Frame
-from edgetree.frames.rig import DepthReading, Rig
+from edgetree.frames.rig import BeamReading, DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
 from edgetree.sources.bags.camera_info import CameraInfos
 from edgetree.sources.bags.depth_alignment import DepthAlignment, View
 from edgetree.sources.bags.exact import ExactValues
 from edgetree.sources.bags.messages import PictureDecoder, frame_of, stamp_ns
 from edgetree.sources.bags.pairing import Pair, Picture
+from edgetree.sources.bags.point_clouds import CloudDecoder, projected
 from edgetree.sources.bags.realsense_sdk import is_static
 from edgetree.sources.bags.topic_words import is_rectified
 from edgetree.sources.bags.topics import Streams
@@ -59,8 +61,12 @@ class Assembly:
         self._imu_frame = ""
         self._fixed: str | None = None  # the frame of the poses, once it is known
         self.first_error = ""
-        self._decoders: dict[str, PictureDecoder] = {
-            role: PictureDecoder(topic, role)
+        self._decoders: dict[str, PictureDecoder | CloudDecoder] = {
+            role: (
+                CloudDecoder(topic)
+                if role == "depth" and streams.has_clouds
+                else PictureDecoder(topic, role)
+            )
             for role, topic in _roles(streams)
             if topic is not None
         }
@@ -127,11 +133,14 @@ class Assembly:
         try:
             image = self._decoded(pair.colour, "colour")
             depth = self._decoded(pair.depth, "depth")
+            beams = self._beams(pair, image, depth)
         except InputError as error:
             self.first_error = self.first_error or str(error)
             self._say(str(error))
             return None
         picture = pair.leading
+        if beams is not None:
+            depth = None
         camera, reading = self._measured(pair, image, depth)
         frame = Frame(
             f"{self._path.stem}_{number:06d}",
@@ -145,6 +154,8 @@ class Assembly:
             self._up(picture),
             self._pose(picture),
         )
+        if beams is not None:
+            frame = replace(frame, depth_m=beams.depth_m, filled_depth_m=beams.filled_m)
         return self._exact.applied(frame, picture.stamp)
 
     def _measured(
@@ -167,6 +178,25 @@ class Assembly:
                 reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp)
         return None if leading is None else leading.camera, reading
 
+    def _beams(
+        self, pair: Pair, image: NDArray[Any] | None, cloud: NDArray[Any] | PointCloud | None
+    ) -> BeamReading | None:
+        """The depth of a cloud in the picture; None without one, or if it cannot be projected."""
+        if not isinstance(cloud, PointCloud) or pair.depth is None:
+            return None
+        view = self._view(pair.colour, image)
+        size_px = None if view is None else view.size_px
+        camera = None if size_px is None else self._rig.camera_for(*size_px)
+        camera = camera or (None if view is None else view.camera)
+        source, topic = _frame(pair.depth), str(self._streams.depth)
+        transform = self._rig.cloud_extrinsics
+        if transform is None and view is not None:
+            transform = self._tree.lookup(source, view.frame, pair.depth.stamp)
+        if view is None or camera is None or transform is None:
+            lacks = "the picture's camera" if camera is None else "a transform to it (--extrinsic)"
+            raise InputError(f"clouds of {topic} in frame {source!r} lack {lacks}")
+        return projected(cloud, camera, transform, topic)
+
     def _camera_of_range(self, own: View | None, colour: View | None) -> calib.PinholeCamera | None:
         """The camera of a range image: its own, or that of the colour, or that of the rig."""
         if own is None or self._rig.depth_kind == "depth":
@@ -181,9 +211,8 @@ class Assembly:
         role = "camera" if values.ndim == 3 else "depth_camera"
         return View(_frame(picture), size_px, self._camera(role, size_px))
 
-    def _decoded(
-        self, picture: Picture | None, role: Literal["colour", "depth"]
-    ) -> NDArray[Any] | None:
+    def _decoded(self, picture: Picture | None, role: Literal["colour", "depth"]) -> Any:
+        """(H, W, 3) colour, (H, W) depth or a cloud."""
         if picture is None:
             return None
         decoder = self._decoders[role]

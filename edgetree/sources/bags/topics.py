@@ -20,6 +20,7 @@ from edgetree.sources.bags.image_topics import (
     warn_of_left_out,
 )
 from edgetree.sources.bags.messages import IMAGE_TYPES, TRANSPORTS
+from edgetree.sources.bags.point_clouds import CLOUD_TYPE
 from edgetree.sources.bags.reader import TF_TYPE, Bag
 
 _log = logging.getLogger(__name__)
@@ -37,12 +38,13 @@ class Streams:
 
     Attributes:
         colour: Colour images.
-        depth: Depth images.
+        depth: Depth images, or the point clouds of a scanner.
         camera: CameraInfo of the colour images.
         depth_camera: CameraInfo of the depth images.
         imu: IMU with an accelerometer.
         transforms: Topics of transforms.
         exact: Cameras and verticals to the last digit, of edgetree's own recordings.
+        has_clouds: Whether `depth` is a topic of point clouds.
     """
 
     colour: str | None
@@ -52,6 +54,7 @@ class Streams:
     imu: str | None
     transforms: tuple[str, ...]
     exact: str | None = None
+    has_clouds: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -101,6 +104,7 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
         given.get("imu") or _imu(bag),
         tuple(name for name, topic in bag.topics.items() if topic.message_type in _TF_TYPES),
         EXACT_TOPIC if _has_exact(bag) else None,
+        depth is not None and bag.topics[depth].message_type == CLOUD_TYPE,
     )
 
 
@@ -111,7 +115,11 @@ def _has_exact(bag: Bag) -> bool:
 
 def _given(bag: Bag, role: str, name: str) -> str:
     """A named topic, checked; images may be named without their transport."""
-    types = {"imu": (_IMU_TYPE,), "colour": IMAGE_TYPES, "depth": IMAGE_TYPES}
+    types = {
+        "imu": (_IMU_TYPE,),
+        "colour": IMAGE_TYPES,
+        "depth": (*IMAGE_TYPES, CLOUD_TYPE),
+    }
     expected = types.get(role, (CAMERA_TYPE,))
     fitting = [key for key, topic in bag.topics.items() if topic.message_type in expected]
     for candidate in (name, *(f"{name}{transport}" for transport in TRANSPORTS)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from formats import (
     cameras,
+    clouds,
     datasets,
     models,
     page,
@@ -18,6 +19,7 @@ from formats import (
 
 FORMATS = (
     cameras.FORMATS
+    | clouds.FORMATS
     | datasets.FORMATS
     | models.FORMATS
     | page.FORMATS

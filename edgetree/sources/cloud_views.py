@@ -1,0 +1,151 @@
+"""A point cloud without a picture as a source: depth as virtual cameras in it see it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from basetree.arrays import Float
+from basetree.errors import InputError
+from calib import CloudError, PinholeCamera, RigidTransform
+from calib.clouds import depth_of_beams, fill_between, grown_across, read_cloud
+from edgetree.frames.frame import Frame
+from edgetree.frames.rig import Rig
+from edgetree.sources.source import BaseSource
+
+_log = logging.getLogger(__name__)
+
+# The virtual camera sees 65 degrees, and looks around in steps that overlap.
+_WIDTH, _HEIGHT, _FOCAL_PX = 640, 480, 500.0
+_STEP_DEG: Final = 60
+# Beams closer together than this, in pixels, leave no gaps: the picture is that of a depth camera.
+_DENSE_PX: Final = 2.5
+# A place to look from: so far above the ground, on a grid of such cells, with so much room around,
+# and with many points between these distances.
+_EYE_M, _CELL_M, _ROOM_M = 1.6, 1.0, 1.0
+_WITHIN_M: Final = (2.0, 15.0)
+_MOST_CELLS, _SAMPLED_POINTS = 2500, 20_000
+_GROUND_QUANTILE: Final = 0.02
+
+
+class CloudViews(BaseSource):
+    """Views of a cloud whose z axis points up, around one place or from a given camera.
+
+    Args:
+        path: The cloud.
+        rig: With a camera and `cloud_extrinsics` it is seen by that camera alone. Without both,
+            virtual cameras look around from the scanner, or where it is not in the cloud's frame,
+            from a free place with many points around.
+
+    Raises:
+        InputError: The cloud cannot be read, or only one of camera and transform is given.
+    """
+
+    def __init__(self, path: Path, rig: Rig) -> None:
+        super().__init__(str(path))
+        if (rig.camera is None) != (rig.cloud_extrinsics is None):
+            given, lacks = "--camera", "--extrinsic"
+            if rig.camera is None:
+                given, lacks = lacks, given
+            raise InputError(
+                f"{given} given without {lacks} for cloud {path}: expected both, for the view of"
+                " that camera, or none for views all around"
+            )
+        self._path, self._cloud = path, read_cloud(path)
+        self._views = [(path.stem, rig.camera, rig.cloud_extrinsics)]
+        self._up = None
+        if rig.camera is None:
+            place_m = viewpoint_m(self._cloud.points_m)
+            x, y, z = place_m.tolist()
+            _log.warning(
+                "cloud %s is seen from x %.1f, y %.1f, z %.1f m, its z axis taken as up; stems"
+                " hidden from there or beyond %g m need another place: --camera and --extrinsic",
+                *(path, x, y, z, _WITHIN_M[1]),
+            )
+            camera = PinholeCamera(
+                _WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, _WIDTH / 2 - 0.5, _HEIGHT / 2 - 0.5
+            )
+            self._up = np.array([0.0, -1.0, 0.0])
+            self._views = [
+                (
+                    f"{path.stem}_yaw{yaw:03d}",
+                    camera,
+                    RigidTransform.mounting(place_m, yaw_deg=float(yaw)).inverse(),
+                )
+                for yaw in range(0, 360, _STEP_DEG)
+            ]
+        self.count = len(self._views)
+        self._next = 0
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self
+
+    def __next__(self) -> Frame:
+        """The next view; one that shows hardly any point is left out with an error."""
+        if self._next == len(self._views) or self._is_closed.is_set():
+            raise StopIteration
+        name, camera, to_camera = self._views[self._next]
+        self._next += 1
+        assert camera is not None
+        assert to_camera is not None
+        try:
+            beams = depth_of_beams(self._cloud, camera, to_camera)
+        except CloudError as error:
+            raise CloudError(f"cloud {self._path}, view {name}: {error}") from error
+        filled_m = grown_across(fill_between(beams.depth_m, beams.spacing), beams.spacing)
+        is_dense = max(beams.spacing[:2]) <= _DENSE_PX
+        return Frame(
+            name,
+            self._path,
+            None,
+            filled_m if is_dense else beams.depth_m,
+            camera=camera,
+            up_camera=self._up,
+            pose=to_camera.inverse(),
+            filled_depth_m=None if is_dense else filled_m,
+        )
+
+
+def viewpoint_m(points_m: Float) -> Float:
+    """Where to look around from in a cloud: the scanner, or a free place with many points around.
+
+    Args:
+        points_m: (N, 3) points, z up.
+
+    Returns:
+        (3,) the frame's origin if it is within the cloud and nothing is near it, as in scans in the
+        scanner's frame.
+    """
+    points = points_m[:: len(points_m) // _SAMPLED_POINTS + 1]
+    low, high = points.min(0), points.max(0)
+    if (low < 0).all() and (high > 0).all() and _room_m(points, np.zeros(3)) >= _ROOM_M:
+        return np.zeros(3)
+    cell_m = max(_CELL_M, math.sqrt(float(np.prod(np.maximum(high - low, 1.0)[:2])) / _MOST_CELLS))
+    best, most = np.append(points[:, :2].mean(0), _ground_m(points[:, 2]) + _EYE_M), -1
+    for x in np.arange(low[0] + cell_m / 2, high[0], cell_m):
+        for y in np.arange(low[1] + cell_m / 2, high[1], cell_m):
+            apart_m = np.hypot(points[:, 0] - x, points[:, 1] - y)
+            seen = int(((apart_m > _WITHIN_M[0]) & (apart_m < _WITHIN_M[1])).sum())
+            near = points[apart_m < 2 * cell_m, 2]
+            if seen <= most or not len(near):
+                continue
+            place = np.array([x, y, _ground_m(near) + _EYE_M])
+            if _room_m(points, place) >= _ROOM_M:
+                best, most = place, seen
+    return best
+
+
+def _ground_m(heights_m: Float) -> float:
+    return float(np.quantile(heights_m, _GROUND_QUANTILE))
+
+
+def _room_m(points: Float, place: Float) -> float:
+    """Distance from a place to the nearest points, but for a few."""
+    apart_m = np.linalg.norm(points - place, axis=1)
+    few = min(len(apart_m) // 1000, len(apart_m) - 1)
+    return float(np.partition(apart_m, few)[few])

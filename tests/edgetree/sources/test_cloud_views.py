@@ -1,0 +1,57 @@
+"""A cloud without a picture is seen by virtual cameras."""
+
+import numpy as np
+import pytest
+
+from basetree.errors import InputError
+from calib import PinholeCamera, RigidTransform
+from edgetree.frames.rig import Rig
+from edgetree.sources import open_source
+from edgetree.sources.cloud_views import viewpoint_m
+
+CAMERA = PinholeCamera(320, 240, fx=250.0, fy=250.0, cx=159.5, cy=119.5)
+
+
+def room(origin=(0.0, 0.0, 0.0)):
+    """Ground at z = -1.5 m within 12 m, with a post of 0.4 m at x = 5 m, around an origin."""
+    ticks = np.arange(-12, 12, 0.1)
+    x, y = (part.ravel() for part in np.meshgrid(ticks, ticks))
+    ground = np.stack([x, y, np.full(len(x), -1.5)], -1)
+    turn, height = np.meshgrid(np.linspace(0, 2 * np.pi, 80), np.arange(-1.5, 4, 0.02))
+    post = np.stack([5 + 0.2 * np.cos(turn), 0.2 * np.sin(turn), height], -1).reshape(-1, 3)
+    return np.concatenate([ground, post]) + origin
+
+
+def test_a_scan_is_seen_all_around_from_its_origin(tmp_path):
+    np.savez(tmp_path / "scan.npz", points=room())
+    frames = list(open_source(tmp_path / "scan.npz"))
+    assert [frame.name for frame in frames] == [f"scan_yaw{yaw:03d}" for yaw in range(0, 360, 60)]
+    ahead = frames[0]
+    middle = ahead.depth_m[200, ahead.camera.width // 2]
+    assert middle == pytest.approx(4.8, abs=0.02)
+    assert ahead.image is None
+    assert ahead.up_camera.tolist() == [0.0, -1.0, 0.0]
+    np.testing.assert_allclose(ahead.pose.translation_m, 0, atol=1e-9)
+    opposite = frames[3].depth_m
+    assert not np.count_nonzero(opposite[:230])  # above the horizon
+
+
+def test_a_place_of_its_own_has_room_and_stands_above_the_ground():
+    place = viewpoint_m(room(origin=(500_000.0, 6_000_000.0, 200.0)))
+    assert place[2] == pytest.approx(198.5 + 1.6, abs=0.2)
+    assert np.hypot(*(place[:2] - (500_005.0, 6_000_000.0))) > 1.0
+
+
+def test_a_camera_of_its_own_sees_one_view(tmp_path):
+    np.savez(tmp_path / "scan.npz", points=room())
+    mounting = RigidTransform.mounting([2.0, 0.0, 0.0])
+    rig = Rig(camera=CAMERA, cloud_extrinsics=mounting.inverse())
+    (frame,) = open_source(tmp_path / "scan.npz", rig=rig)
+    depth_m = frame.depth_m if frame.filled_depth_m is None else frame.filled_depth_m
+    assert depth_m[100, 160] == pytest.approx(2.8, abs=0.02)
+
+
+def test_a_camera_needs_its_place(tmp_path):
+    np.savez(tmp_path / "scan.npz", points=room())
+    with pytest.raises(InputError, match="--camera given without --extrinsic for cloud"):
+        open_source(tmp_path / "scan.npz", rig=Rig(camera=CAMERA))
