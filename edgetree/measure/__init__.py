@@ -17,21 +17,26 @@ from edgetree.measure.profile import StemProfile
 from edgetree.measure.rig_uncertainty import EXACT_RIG, RigUncertainty
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.volume import SPECIES, Species, stem_volume
+from edgetree.measure.without_depth import CameraHeight, Placement, Way, measure_without_depth
 
 __all__ = [
     "EXACT_RIG",
+    "CameraHeight",
     "QUANTITIES",
     "SPECIES",
     "Estimate",
     "Evidence",
     "Failure",
     "MeasureSettings",
+    "Placement",
     "PointEstimate",
     "RigUncertainty",
     "Species",
     "StemAxis",
     "StemProfile",
     "TreeMeasurement",
+    "Way",
     "measure_trees",
+    "measure_without_depth",
     "stem_volume",
 ]

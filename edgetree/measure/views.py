@@ -197,6 +197,7 @@ def _turned_view(
         focal=frame.rig.focal,
         vertical_rad=frame.rig.vertical_rad,
         mounting_rad=frame.rig.mounting_rad,
+        placed=frame.rig.placed,
         rotation=rotation,
     )
     view = TurnedFrame(

@@ -1,0 +1,157 @@
+"""Distances of stems from the camera's height above the ground and the pixel of their foot.
+
+The ray r to the foot meets the ground, a plane with the unit normal n at the distance h below the
+camera, at r h / (-n r). Its part along the horizontal direction v of the stem is the front range of
+the bark, from which the width follows as with depth. The relative error of the range is, to first
+order, the change of ln(v r) - ln(-n r) + ln h.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from basetree.arrays import Float
+from basetree.errors import InputError
+from calib.directions import heading, unit
+from edgetree.measure.constants.placing import (
+    CAMERA_HEIGHT_STD,
+    GROUND_SLOPE_STD_DEG,
+    RELIEF_STD_M,
+    ROOT_FLARE_STD,
+)
+from edgetree.measure.without_depth.placement import Placement, SeenStems, largest_terms
+
+_LARGEST_SLOPE_DEG = 45.0
+_LARGEST_HEIGHT_M = 50.0
+# A foot less than this below the horizon, as a tangent, tells no distance.
+_LEAST_BELOW = 1e-3
+
+
+@dataclass(frozen=True)
+class CameraHeight:
+    """The camera's height above ground that is level, or slopes as given.
+
+    Attributes:
+        height_m: Height of the camera above the ground below it, along the vertical.
+        height_std_m: Its standard deviation; None for 3 % of it.
+        ahead_deg: Slope of the ground ahead of the camera, positive where it rises.
+        right_deg: Slope to the right, likewise.
+        slope_std_deg: Standard deviation of both.
+
+    Raises:
+        InputError: A value is not finite or out of range.
+    """
+
+    height_m: float
+    height_std_m: float | None = None
+    ahead_deg: float = 0.0
+    right_deg: float = 0.0
+    slope_std_deg: float = GROUND_SLOPE_STD_DEG
+
+    def __post_init__(self) -> None:
+        if not 0 < self.height_m <= _LARGEST_HEIGHT_M:
+            raise InputError(
+                f"the camera's height is {self.height_m:g}: expected metres above 0, up to"
+                f" {_LARGEST_HEIGHT_M:g}"
+            )
+        std_m = self.height_std_m
+        if std_m is not None and not 0 <= std_m < self.height_m:
+            raise InputError(
+                f"the deviation of the camera's height is {std_m:g}: expected 0 or more metres,"
+                " and less than the height"
+            )
+        for value in (self.ahead_deg, self.right_deg):
+            if not abs(value) <= _LARGEST_SLOPE_DEG:
+                raise InputError(
+                    f"the slope of the ground is {value:g}: expected degrees from"
+                    f" -{_LARGEST_SLOPE_DEG:g} to {_LARGEST_SLOPE_DEG:g}"
+                )
+        if not 0 <= self.slope_std_deg <= _LARGEST_SLOPE_DEG:
+            raise InputError(
+                f"the deviation of the ground's slope is {self.slope_std_deg:g}: expected degrees"
+                f" from 0 to {_LARGEST_SLOPE_DEG:g}"
+            )
+
+    @property
+    def relative_std(self) -> float:
+        """Relative standard deviation of the height."""
+        if self.height_std_m is None:
+            return CAMERA_HEIGHT_STD
+        return self.height_std_m / self.height_m
+
+    def normal(self, up: Float) -> Float:
+        """(3,) normal of the ground below a camera with the vertical `up` (3,)."""
+        ahead = unit(heading(up))
+        right = np.cross(ahead, up)
+        slope = math.tan(math.radians(self.ahead_deg)) * ahead
+        return unit(up - slope - math.tan(math.radians(self.right_deg)) * right)
+
+    def place(self, seen: SeenStems) -> Placement:
+        """Place stems by the pixels of their feet; see `SeenStems`."""
+        rig = seen.frame.rig
+        normals = np.array([self._normal_in(seen, up) for up in seen.up]).reshape(-1, 3)
+        rays = seen.frame.rays(np.where(np.isfinite(seen.foot_px), seen.foot_px, 0.0))
+        ahead = seen.sections.view_direction
+        fall, reach = -np.vecdot(rays, normals), np.vecdot(rays, ahead)
+        height_m = self.height_m * np.vecdot(normals, seen.up)
+        above_m = np.minimum(seen.foot_above_m, height_m / 2)
+        height_m = height_m - above_m
+        relief_m = np.hypot(RELIEF_STD_M, seen.foot_above_std_m)
+        below = np.maximum(fall, _LEAST_BELOW)
+        front_m = reach * height_m / below
+        distance_m = front_m / seen.sections.front_ratio
+        # Change of the logarithm of the range with the ray.
+        change = ahead / reach[:, None] + normals / below[:, None]
+        step = seen.along_px * seen.foot_std_px[:, None]
+        foot = np.vecdot(seen.frame.rays(seen.foot_px + step) - rays, change)
+        focal = -np.vecdot(rays[:, :2], change[:, :2])
+        tilt = np.matmul(seen.up_covariance, rays[..., None])[..., 0]
+        slope_rad = math.radians(self.slope_std_deg)
+        level = np.sqrt(np.maximum(np.vecdot(rays, rays) - fall**2, 0.0))
+        radius_share = np.sin(seen.sections.half_rad) / seen.sections.front_ratio
+        terms = {
+            "the camera's height": np.full_like(fall, self.relative_std),
+            "the slope of the ground": slope_rad * level / below,
+            "the vertical": np.sqrt(np.maximum(np.vecdot(rays, tilt), 0.0)) / below,
+            "the pixel of the foot": np.abs(foot),
+            "humps of the ground": relief_m / height_m,
+            "the camera's principal point": rig.ray * np.linalg.norm(change[:, :2], axis=1),
+            "the roots": ROOT_FLARE_STD * radius_share,
+        }
+        own = np.linalg.norm(list(terms.values()), axis=0)
+        # The distance is the inverse of a tangent with these relative errors, to second order.
+        own = own * np.sqrt(1 + 8 * np.minimum(own, 1.0) ** 2)
+        distance_std = np.hypot(own, rig.focal * focal)
+        size_std = np.hypot(own, rig.focal * (focal - 1))
+        terms["the focal length"] = rig.focal * np.abs(focal - 1)
+        reasons = [
+            self._reason(*each)
+            for each in zip(seen.foot_within.tolist(), fall.tolist(), reach.tolist(), strict=True)
+        ]
+        largest = largest_terms(terms, size_std)
+        ground = "level ground"
+        if self.ahead_deg or self.right_deg:
+            ground = "ground of the given slope"
+        words = [f"the camera's height above {ground} ({part})" for part in largest]
+        feet_m = np.vecdot(rays, seen.sections.axes.along) * height_m / below
+        anchor_m = feet_m - distance_m * seen.sections.height_ratio
+        return Placement(distance_m, distance_std, size_std, anchor_m, normals, reasons, words)
+
+    def _normal_in(self, seen: SeenStems, up: Float) -> Float:
+        """(3,) normal in the frame's axes; the slope is that ahead of the camera itself."""
+        frame = seen.frame
+        return np.asarray(frame.from_camera(self.normal(frame.to_camera(up))))
+
+    @staticmethod
+    def _reason(within: bool, fall: float, reach: float) -> str | None:
+        if not within or not math.isfinite(fall):
+            return "the foot of the stem is not in the picture, from which its distance would come"
+        if fall < _LEAST_BELOW or reach <= 0:
+            return (
+                "the foot of the stem is at or above the horizon: the camera's height is of no use"
+                " with this vertical or slope"
+            )
+        return None
