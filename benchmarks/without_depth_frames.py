@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Float, UInt8
-from calib import PinholeCamera, pixels_to_rays, project_points
+from calib import PinholeCamera, project_points
 from calib.directions import heading, unit
 from edgetree.measure import CameraHeight, RigUncertainty
 
@@ -104,13 +104,20 @@ def with_marker(
     size = (picture.shape[1], picture.shape[0])
     x0, y0 = np.floor(there_px.min(0)).astype(int) - 2
     x1, y1 = np.ceil(there_px.max(0)).astype(int) + 3
-    zoom = np.array([[finer, 0, -finer * x0 + (finer - 1) / 2],
-                     [0, finer, -finer * y0 + (finer - 1) / 2], [0, 0, 1]])
+    zoom = np.array(
+        [
+            [finer, 0, -finer * x0 + (finer - 1) / 2],
+            [0, finer, -finer * y0 + (finer - 1) / 2],
+            [0, 0, 1],
+        ]
+    )
     area = (int(finer * (x1 - x0)), int(finer * (y1 - y0)))
     drawn = cv2.warpPerspective(sheet, zoom @ homography, area)
     cover = cv2.warpPerspective(np.full_like(sheet, 255), zoom @ homography, area)
     small = (int(x1 - x0), int(y1 - y0))
-    drawn, cover = (cv2.resize(part, small, interpolation=cv2.INTER_AREA) for part in (drawn, cover))
+    drawn, cover = (
+        cv2.resize(part, small, interpolation=cv2.INTER_AREA) for part in (drawn, cover)
+    )
     result = picture.copy()
     left, top = max(x0, 0), max(y0, 0)
     right_px, bottom = min(x1, size[0]), min(y1, size[1])

@@ -24,6 +24,12 @@ from edgetree.commands.options import (
     StumpHeight,
     Up,
 )
+from edgetree.commands.reference_options import (
+    CameraHeightText,
+    GroundSlope,
+    MarkerText,
+    Pitch,
+)
 
 if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
@@ -147,6 +153,10 @@ class LiveMetresOptions:
     rig_errors: RigErrors = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
+    camera_height: CameraHeightText = None
+    ground_slope: GroundSlope = None
+    pitch: Pitch = None
+    marker: MarkerText = None
     odometry: _Odometry = False
 
     def tracker(self) -> StemTracker:
@@ -170,6 +180,10 @@ class LiveMetresOptions:
             rig_errors=self.rig_errors,
             stump_height=self.stump_height,
             species=self.species,
+            camera_height=self.camera_height,
+            ground_slope=self.ground_slope,
+            pitch=self.pitch,
+            marker=self.marker,
         )
 
 

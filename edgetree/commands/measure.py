@@ -44,7 +44,12 @@ _Image: TypeAlias = Annotated[
     ),
 ]
 _Camera: TypeAlias = Annotated[
-    Path, typer.Option(metavar="FILE[:NAME]", help=f"Camera file of the image. {CAMERA_FILES}")
+    Path | None,
+    typer.Option(
+        metavar="FILE[:NAME]",
+        help=f"Camera file of the image; needed with depth. {CAMERA_FILES} Without depth and"
+        " camera, the focal length is that of the picture's EXIF.",
+    ),
 ]
 _Mask: TypeAlias = Annotated[
     Path | None,
@@ -67,7 +72,9 @@ class _Inputs:
     mask: _Mask = None
     score_threshold: ScoreThreshold = 0.5
 
-    def check(self, image: Path, outputs: _Outputs) -> None:
+    def check(
+        self, image: Path, camera: Path | None, rig_options: RigOptions, outputs: _Outputs
+    ) -> None:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
@@ -79,8 +86,14 @@ class _Inputs:
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        if self.mask is not None and self.depth is None:
-            raise InputError("--mask given without --depth: expected the depth image to measure in")
+        without_depth = rig_options.references() is not None
+        if self.mask is not None and self.depth is None and not without_depth:
+            raise InputError(
+                "--mask given without --depth: expected the depth image to measure in, or"
+                " --camera-height or --marker"
+            )
+        if camera is None and not without_depth:
+            raise InputError("--camera is missing: expected the camera file of the image")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
             suffixes = ", ".join(PICTURE_SUFFIXES)
@@ -101,9 +114,13 @@ class _Inputs:
         from edgetree.sources import open_source
 
         takes_depth = detector is not None and detector.manifest.takes_depth
-        if self.depth is None and not takes_depth:
-            raise InputError("--depth is missing: expected the depth image to measure in")
-        (frame,) = open_source(image, self.depth, depth_only=self.depth is None, rig=rig)
+        if self.depth is None and not takes_depth and rig.references is None:
+            raise InputError(
+                "--depth is missing: expected the depth image to measure in, or without depth"
+                " --camera-height, --marker or --scale-bar"
+            )
+        depth_only = self.depth is None and takes_depth
+        (frame,) = open_source(image, self.depth, depth_only=depth_only, rig=rig)
         if frame.depth_fault is not None:
             raise InputError(frame.depth_fault)
         if detector is not None:
@@ -145,7 +162,7 @@ class _Outputs:
 @expand_groups
 def measure(
     image: _Image,
-    camera: _Camera,
+    camera: _Camera = None,
     *,
     inputs: _Inputs,
     rig_options: RigOptions,
@@ -161,13 +178,14 @@ def measure(
     from basetree.errors import InputError
     from basetree.files.writing import check_paths
     from edgetree.commands.frame_results import note_files, unlike_words
+    from edgetree.results.csv_table import measurements_of
     from edgetree.results.text_table import table_lines
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
     if shards.are_given and mask is not None:
         raise InputError("--mask given with --shards: expected a model")
     if not shards.are_given:
-        inputs.check(image, outputs)
+        inputs.check(image, camera, rig_options, outputs)
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
         {
@@ -196,7 +214,7 @@ def measure(
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
-        for line in table_lines(result.measurements or [], result.found.numbers):
+        for line in table_lines(measurements_of(result), result.found.numbers, result.pixel_sizes):
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
@@ -229,13 +247,12 @@ def _record(
     """The JSON object of --json."""
     from edgetree.results import frame_record
 
-    assert result.camera is not None
     paths = {"picture": outputs.out, "csv": outputs.csv, "profiles": outputs.profiles}
     return {
         "schema": "edgetree.measure/1",
         **trees_from,
-        "depth": str(inputs.depth or image),
-        "camera": result.camera.to_dict(),
+        "depth": None if result.frame.depth_m is None else str(inputs.depth or image),
+        "camera": None if result.camera is None else result.camera.to_dict(),
         "frame": frame_record(result),
         **{name: None if path is None else str(path) for name, path in paths.items()},
     }

@@ -35,6 +35,7 @@ class Frame:
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
         pose: Transform from the camera's frame to a fixed frame (x and y level, z up), as from the
             machine's odometry; None if unknown.
+        exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Frame:
     camera: PinholeCamera | None = None
     up_camera: NDArray[np.float64] | None = None
     pose: RigidTransform | None = None
+    exif_focal_px: float | None = None
 
     @property
     def where(self) -> str:

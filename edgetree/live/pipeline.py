@@ -84,6 +84,7 @@ class LivePipeline:
             mounting=self._rig.mounting,
             rotation_deg=self._rig.rotation_deg,
             uncertainty=self._rig.known_uncertainty(),
+            references=self._rig.references,
         )
         self._turning: str | None = None
         self._settings = settings

@@ -12,6 +12,7 @@ import numpy as np
 from basetree.arrays import Bool, Float
 from calib import RigidTransform
 from calib.directions import lengths
+from edgetree.measure import foot
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
@@ -23,7 +24,6 @@ from edgetree.measure.constants.stems import (
 from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, if_certain, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
-from edgetree.measure import foot
 from edgetree.measure.foot_distance import FootDistances, foot_distances
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, StemBases
@@ -149,7 +149,7 @@ class FittedFrame:
 
     @cached_property
     def lowest_axis_m(self) -> Float:
-        """(T, 3) axis points level with the lowest points of the masks; NaN where there are none."""
+        """(T, 3) axis points level with the lowest points of the masks; NaN without one."""
         seen = np.asarray(np.isfinite(self.lowest_px).all(1))
         return np.where(seen[:, None], self._axis_points(self.lowest_px, seen), np.nan)
 

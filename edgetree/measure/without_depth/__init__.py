@@ -3,5 +3,14 @@
 from edgetree.measure.without_depth.camera_height import CameraHeight
 from edgetree.measure.without_depth.entry import measure_without_depth
 from edgetree.measure.without_depth.placement import Placement, SeenStems, Way
+from edgetree.measure.without_depth.scale_marks import ScaleMark, ScaleMarks
 
-__all__ = ["CameraHeight", "Placement", "SeenStems", "Way", "measure_without_depth"]
+__all__ = [
+    "CameraHeight",
+    "Placement",
+    "ScaleMark",
+    "ScaleMarks",
+    "SeenStems",
+    "Way",
+    "measure_without_depth",
+]

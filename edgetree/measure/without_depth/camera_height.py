@@ -113,12 +113,12 @@ class CameraHeight:
         level = np.sqrt(np.maximum(np.vecdot(rays, rays) - fall**2, 0.0))
         radius_share = np.sin(seen.sections.half_rad) / seen.sections.front_ratio
         terms = {
-            "the camera's height": np.full_like(fall, self.relative_std),
-            "the slope of the ground": slope_rad * level / below,
-            "the vertical": np.sqrt(np.maximum(np.vecdot(rays, tilt), 0.0)) / below,
+            "the camera's height (--camera-height)": np.full_like(fall, self.relative_std),
+            "the slope of the ground (--ground-slope)": slope_rad * level / below,
+            "the vertical (--up)": np.sqrt(np.maximum(np.vecdot(rays, tilt), 0.0)) / below,
             "the pixel of the foot": np.abs(foot),
             "humps of the ground": relief_m / height_m,
-            "the camera's principal point": rig.ray * np.linalg.norm(change[:, :2], axis=1),
+            "the principal point (--camera)": rig.ray * np.linalg.norm(change[:, :2], axis=1),
             "the roots": ROOT_FLARE_STD * radius_share,
         }
         own = np.linalg.norm(list(terms.values()), axis=0)
@@ -126,7 +126,7 @@ class CameraHeight:
         own = own * np.sqrt(1 + 8 * np.minimum(own, 1.0) ** 2)
         distance_std = np.hypot(own, rig.focal * focal)
         size_std = np.hypot(own, rig.focal * (focal - 1))
-        terms["the focal length"] = rig.focal * np.abs(focal - 1)
+        terms["the focal length (--camera)"] = rig.focal * np.abs(focal - 1)
         reasons = [
             self._reason(*each)
             for each in zip(seen.foot_within.tolist(), fall.tolist(), reach.tolist(), strict=True)

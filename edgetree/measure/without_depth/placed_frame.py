@@ -17,6 +17,7 @@ from edgetree.measure.constants.placing import (
     RELIEF_STD_M,
     UNCHECKED_OUTLINE_STD,
 )
+from edgetree.measure.constants.stems import MAX_RELATIVE_STD
 from edgetree.measure.cut_diameter import incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.fitted_frame import FittedFrame, Taper
@@ -50,6 +51,8 @@ class PlacedFrame(FittedFrame):
             return self.placement.reasons[index]
         if not (self.stems.fitted[index] and self.finite[index]):
             return "the distance of the stem cannot be told"
+        if self.stems.relative_size_std[index] > MAX_RELATIVE_STD:
+            return f"the distance is too uncertain: from {self.placement.words[index]}"
         return self._implausible_reason(index)
 
     @cached_property
@@ -158,7 +161,9 @@ class PlacedFrame(FittedFrame):
                 found.append(Failure("the foot of the stem is not in the picture"))
                 continue
             if self.foot_hidden[index]:
-                found.append(Failure("plants hide the foot of the stem: its mask ends above the cut"))
+                found.append(
+                    Failure("plants hide the foot of the stem: its mask ends above the cut")
+                )
                 continue
             std_m = math.hypot(pixel_m.item(index), RELIEF_STD_M)
             vertical, size_std = verticals.at(index, None), stems.relative_size_std.item(index)
@@ -191,9 +196,7 @@ class PlacedFrame(FittedFrame):
             " view is the lean in the picture"
         )
         evidence = replace(tree.evidence, distance_from=self.placement.words[index])
-        return replace(
-            tree, inclination_deg=unseen, lean_direction_deg=unseen, evidence=evidence
-        )
+        return replace(tree, inclination_deg=unseen, lean_direction_deg=unseen, evidence=evidence)
 
 
 def seen_only(

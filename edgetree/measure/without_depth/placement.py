@@ -9,8 +9,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from calib import pixels_to_rays, project_points
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.section import Sections
+from edgetree.measure.views import TurnedFrame
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,6 +51,17 @@ class SeenStems:
 
     def __len__(self) -> int:
         return len(self.foot_px)
+
+    def picture_rays(self, xy_px: Float) -> Float:
+        """Rays (..., 3) with z = 1 in the frame's axes through points (..., 2) of the picture."""
+        frame = self.frame
+        camera = frame.source.camera if isinstance(frame, TurnedFrame) else frame.camera
+        rays = frame.from_camera(pixels_to_rays(camera, xy_px))
+        return np.asarray(rays / rays[..., 2:])
+
+    def picture_px(self, xy_px: Float) -> Float:
+        """Points (..., 2) of the picture in the pixels of the frame, which may be a view of it."""
+        return np.asarray(project_points(self.frame.camera, self.picture_rays(xy_px)))
 
 
 class Placement(NamedTuple):
