@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from calib import CameraError, PinholeCamera
+from calib import CameraError, PinholeCamera, RigidTransform
 from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
 from edgetree.frames.frame import Frame
@@ -21,7 +21,14 @@ from edgetree.frames.turning import Turn
 from edgetree.runtime.detector import TreeDetector
 
 if TYPE_CHECKING:
-    from edgetree.measure import Failure, MeasureSettings, PixelSize, TreeMeasurement, Way
+    from edgetree.measure import (
+        Failure,
+        MeasureSettings,
+        PixelSize,
+        StemViews,
+        TreeMeasurement,
+        Way,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +138,7 @@ def process(
     detector: TreeDetector,
     rig: Rig,
     settings: MeasureSettings | None = None,
+    views: StemViews | None = None,
 ) -> FrameResult:
     """Detect the trees of a frame, and measure them if depth and camera are known.
 
@@ -140,12 +148,13 @@ def process(
         rig: The cameras that took the frame. Its camera takes the place of the frame's own; its
             vertical is for frames without one.
         settings: Settings of the measurement; the defaults if None.
+        views: Earlier views of the stems of a stream, for its frames with poses and without depth.
 
     Raises:
         InputError: The frame does not have the kind of image that the model takes.
         CameraError: The camera is for another aspect ratio.
     """
-    return measure_frame(frame, find_trees(frame, detector, rig), rig, settings)
+    return measure_frame(frame, find_trees(frame, detector, rig), rig, settings, views)
 
 
 def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> FoundTrees:
@@ -167,7 +176,11 @@ def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> 
 
 
 def measure_frame(
-    frame: Frame, found: FoundTrees, rig: Rig, settings: MeasureSettings | None = None
+    frame: Frame,
+    found: FoundTrees,
+    rig: Rig,
+    settings: MeasureSettings | None = None,
+    views: StemViews | None = None,
 ) -> FrameResult:
     """Measure the given trees of a frame, if depth and camera are known: the other half.
 
@@ -178,6 +191,7 @@ def measure_frame(
         found: Its trees.
         rig: The cameras, as for `process`.
         settings: Settings of the measurement; the defaults if None.
+        views: Earlier views of the stems, as for `process`.
 
     Raises:
         CameraError: The camera is for another aspect ratio.
@@ -190,6 +204,9 @@ def measure_frame(
     if frame.depth_m is None and rig.references is not None:
         camera = rig.references.camera_for(frame, camera)
         ways = rig.references.ways(frame, rig.turn(frame))
+    if frame.depth_m is None and frame.pose is not None and views is not None:
+        upright = RigidTransform(rig.turn(frame).back.rotation, np.zeros(3))
+        ways.append(views.at(upright.then(frame.pose)))
     need = _needed(frame, camera, ways)
     up_camera = rig.vertical_of(frame, camera)
     measurements = None

@@ -23,6 +23,7 @@ from edgetree.measure.without_depth import (
     Placement,
     ScaleMark,
     ScaleMarks,
+    StemViews,
     Way,
     measure_without_depth,
 )
@@ -45,6 +46,7 @@ __all__ = [
     "Species",
     "StemAxis",
     "StemProfile",
+    "StemViews",
     "TreeMeasurement",
     "Way",
     "measure_trees",

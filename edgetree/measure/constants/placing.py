@@ -69,3 +69,22 @@ EXIF_FOCAL_STD: Final = 0.04
 """Relative standard deviation of a focal length by a picture's EXIF: the 35 mm equivalent is
 rounded, by the width or by the diagonal of the picture, and lenses are nominal.
 Source: chosen, width and diagonal differ by 4 % in pictures of 4:3."""
+
+POSE_TURN_STD_DEG: Final = 0.2
+"""Standard deviation of a pose's direction from one view of a stem to the next, in degrees.
+Source: chosen, wheel odometry and visual odometry drift by about this much over a metre."""
+
+POSE_SCALE_STD: Final = 0.02
+"""Relative standard deviation of the distance that poses say the camera has moved.
+Source: chosen, odometry of wheels on soft ground slips by 1 to 3 %."""
+
+VIEW_STEP_M: Final = 0.1
+"""Views of a stem from places nearer to each other than this count once: they share the errors of
+bark and outline. Source: chosen by hand."""
+
+USUAL_DIAMETER_M: Final = 0.3
+"""Diameter that tells roughly how far a stem is, to find it again in the next picture. No result
+rests on it. Source: chosen by hand."""
+
+USUAL_DIAMETER_STD: Final = 0.5
+"""Its relative standard deviation. Source: chosen by hand."""

@@ -2,6 +2,7 @@
 
 from edgetree.measure.without_depth.camera_height import CameraHeight
 from edgetree.measure.without_depth.entry import measure_without_depth
+from edgetree.measure.without_depth.motion import StemViews
 from edgetree.measure.without_depth.placement import Placement, SeenStems, Way
 from edgetree.measure.without_depth.scale_marks import ScaleMark, ScaleMarks
 
@@ -11,6 +12,7 @@ __all__ = [
     "ScaleMark",
     "ScaleMarks",
     "SeenStems",
+    "StemViews",
     "Way",
     "measure_without_depth",
 ]

@@ -121,4 +121,5 @@ def _unplaced(view: View, up: Float | None) -> PlacedFrame:
         observed=observed,
         stems=stems,
         roll_std_rad=roll_std_rad,
+        numbers=view.indices,
     )

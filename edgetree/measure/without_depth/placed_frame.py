@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from calib import RigidTransform
 from edgetree.measure.constants.placing import (
     CUT_ABOVE_GROUND_M,
@@ -38,9 +38,11 @@ class PlacedFrame(FittedFrame):
     """As `FittedFrame`, with distances from a `Placement` in place of the depth.
 
     Attributes:
+        numbers: (T,) numbers of the stems among all trees of the picture.
         placement: Where the stems are; None before they are placed.
     """
 
+    numbers: Index
     placement: Placement | None = None
 
     def _failure_reason(self, index: int, outlined: bool) -> str | None:
@@ -101,8 +103,10 @@ class PlacedFrame(FittedFrame):
             valid, along_px = outline.valid, regions.along
         foot_px, foot_std_px = self._feet_px()
         return SeenStems(
+            numbers=self.numbers,
             frame=self.frame,
             sections=self.stems.sections,
+            middle_std_rad=self.stems.half_std_rad,
             foot_px=foot_px,
             foot_std_px=foot_std_px,
             foot_above_m=np.where(self.foot_hidden, CUT_ABOVE_GROUND_M, 0.0),

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from calib import pixels_to_rays, project_points
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.section import Sections
@@ -20,8 +20,10 @@ class SeenStems:
     """T stems as a picture shows them, without a scale.
 
     Attributes:
+        numbers: (T,) numbers of the trees in the picture.
         frame: The picture, its camera and the errors of the rig.
         sections: Cross-sections at 1 m from the camera to the axis.
+        middle_std_rad: (T,) standard deviations of the directions of their middles.
         foot_px: (T, 2) lowest points of the stems in the picture; NaN where none is seen.
         foot_std_px: (T,) standard deviations of these, up and down.
         foot_above_m, foot_above_std_m: (T,) expected height of these above the ground, and its
@@ -35,8 +37,10 @@ class SeenStems:
         up_given: Whether the vertical is given, and not estimated.
     """
 
+    numbers: Index
     frame: DepthFrame
     sections: Sections
+    middle_std_rad: Float
     foot_px: Float
     foot_std_px: Float
     foot_above_m: Float
