@@ -31,7 +31,10 @@ from edgetree.measure.without_depth.placement import Placement, SeenStems
 _GATE_STDS, _WIDTH_STD, _MAX_WIDTH_STDS = 3.0, 0.2, 3.0
 # A stem that is not seen in so many frames is forgotten.
 _FORGET_FRAMES = 10
-_MOST_VIEWS = 60
+_LEAST_VIEWS, _MOST_VIEWS = 3, 60
+# A sighting is of a stem only if any other is worse by this much, as a chi-square: of two stems one
+# behind the other, either may be seen.
+_CLEAR_COST = 1.0
 _ROUNDS = 3
 # Height above and below the camera at which the planes are compared.
 _REACH_M = 1.0
@@ -55,6 +58,12 @@ class _View:
     ahead: Float
     std_rad: float
     half_rad: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether both edges of the stem are seen."""
+        known = np.isfinite(self.normal).all() and self.half_rad > 0
+        return bool(known and math.isfinite(self.std_rad))
 
     def rows(self, level_m: float, distance_m: float) -> tuple[Float, Float]:
         """Two equations of the axis: (2, 4) factors and (2,) values, in standard deviations."""
@@ -95,10 +104,11 @@ class _Axis:
 
 @dataclass(eq=False)
 class _Track:
-    """A stem that is followed: its views, and the frame in which it was seen last."""
+    """A stem that is followed: its views, the frame of the last of them, and its rough axis."""
 
     views: list[_View] = field(default_factory=list)
     last_frame: int = 0
+    rough: _Axis | None = None
 
     def add(self, view: _View) -> None:
         """Add a view, or put it in the place of the last one if the camera has hardly moved."""
@@ -122,16 +132,19 @@ class StemViews:
     def __init__(self, lean_std_rad: float = math.radians(6.0)) -> None:
         self._lean_std_rad = lean_std_rad
         self._tracks: list[_Track] = []
-        self._seen: dict[int, tuple[_View, _Track | None]] = {}
+        self._seen: dict[int, tuple[_View, _Track | None, bool]] = {}
         self._frame = 0
 
     def at(self, pose: RigidTransform) -> MovingCamera:
         """The way to distances in the next frame, whose camera has this pose."""
-        for view, track in self._seen.values():
+        for view, track, is_doubtful in self._seen.values():
+            if is_doubtful:
+                continue
             if track is None:
                 track = _Track()
                 self._tracks.append(track)
             track.add(view)
+            track.rough = self._fit(track.views, guessed=True)
             track.last_frame = self._frame
         self._seen = {}
         self._frame += 1
@@ -140,7 +153,7 @@ class StemViews:
         return MovingCamera(self, pose)
 
     def look(self, numbers: Sequence[int], views: Sequence[_View]) -> list[_Axis | None]:
-        """Find the stems of some views, and fit their axes; None where nothing is known yet.
+        """Find the stems of some views, and fit their axes; None where too little is known.
 
         Args:
             numbers: Numbers of the trees in the frame.
@@ -148,23 +161,33 @@ class StemViews:
         """
         tracks = self._tracks
         found: list[_Track | None] = [None] * len(views)
+        doubtful: set[int] = set()
         if tracks and views:
             cost = np.array([self._costs(track, views) for track in tracks])
             rows, columns = match_greedily(cost, np.isfinite(cost))
             for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-                found[column] = tracks[row]
-        self._seen |= {
-            number: (view, track) for number, view, track in zip(numbers, views, found, strict=True)
-        }
+                others = np.concatenate(
+                    [np.delete(cost[row], column), np.delete(cost[:, column], row)]
+                )
+                if (others > cost[row, column] + _CLEAR_COST).all():
+                    found[column] = tracks[row]
+                else:
+                    doubtful.add(column)
+                    tracks[row].last_frame = self._frame
+        for index, number in enumerate(numbers):
+            if views[index].is_known:
+                self._seen[number] = (views[index], found[index], index in doubtful)
         return [
-            None if track is None else self._fit([*track.views, view], guessed=False)
+            None
+            if track is None or len(track.views) + 1 < _LEAST_VIEWS
+            else self._fit([*track.views, view], guessed=False)
             for view, track in zip(views, found, strict=True)
         ]
 
     def _costs(self, track: _Track, views: Sequence[_View]) -> list[float]:
         """How far each view is from that which a stem would give; infinite if it cannot be it."""
-        axis = self._fit(track.views, guessed=True)
-        last = track.views[-1]
+        axis, last = track.rough, track.views[-1]
+        assert axis is not None
         width_m = axis.distance_m(last) * math.sin(last.half_rad)
         costs = []
         for view in views:
@@ -235,7 +258,9 @@ class MovingCamera:
         axes = self.views.look(seen.numbers.tolist(), views)
         count = len(seen)
         distance_m, std = np.full(count, np.nan), np.full(count, np.inf)
-        reasons: list[str | None] = ["the stem is seen for the first time: it needs a second view"]
+        reasons: list[str | None] = [
+            "the stem is not yet known by three views that are clearly of it"
+        ]
         reasons *= count
         for index, (view, axis) in enumerate(zip(views, axes, strict=True)):
             if axis is None:
@@ -251,7 +276,9 @@ class MovingCamera:
             distance_m[index], reasons[index] = value_m, None
             std[index] = math.hypot(own, POSE_SCALE_STD)
         focal = frame.rig.focal
-        words = [f"the camera's motion between several views (± {100 * each:.0f} %)" for each in std]
+        words = [
+            f"the camera's motion between several views (± {100 * each:.0f} %)" for each in std
+        ]
         level_m = -distance_m * sections.height_ratio
         total = np.hypot(std, focal)
         return Placement(distance_m, total, total, level_m, seen.up, reasons, words)

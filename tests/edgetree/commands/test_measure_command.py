@@ -199,7 +199,10 @@ def test_a_depth_model_detects_in_the_depth_image(
 
 
 BAD_INPUTS = {
-    "no camera": ("images/a.jpg --depth depth/a.png", "Missing option '--camera'"),
+    "no camera": (
+        "images/a.jpg --depth depth/a.png",
+        "--camera is missing: expected the camera file",
+    ),
     "no depth": ("images/a.jpg --camera camera.json", "--depth is missing: expected the depth"),
     "a folder": (
         "images --depth depth --camera camera.json",
