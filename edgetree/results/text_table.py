@@ -14,6 +14,7 @@ from edgetree.measure import (
     StemProfile,
     TreeMeasurement,
 )
+from edgetree.measure.pixel_sizes import BREAST_HEIGHT
 from edgetree.measure.volume import VOLUME_SOURCE
 from edgetree.results.units import AMOUNTS, direction_words
 
@@ -122,9 +123,10 @@ def pixel_words(size: PixelSize | Failure) -> str:
     if isinstance(size, Failure):
         return f"no width in the picture: {size.reason}"
     width, angle, lean = size.width_px, size.width_deg, size.lean_in_picture_deg
+    place = size.width_at if size.width_at == BREAST_HEIGHT else f"the {size.width_at}"
     degrees = "" if angle is None else f", {angle.value:.2f} ± {angle.std:.2f}°"
     return (
-        f"in the picture {width.value:.0f} ± {width.std:.0f} px wide at the {size.width_at}"
+        f"in the picture {width.value:.0f} ± {width.std:.0f} px wide at {place}"
         f"{degrees}, leaning by {lean.value:.1f} ± {lean.std:.1f}°"
     )
 

@@ -131,14 +131,14 @@ class CameraHeight:
             self._reason(*each)
             for each in zip(seen.foot_within.tolist(), fall.tolist(), reach.tolist(), strict=True)
         ]
-        largest = largest_terms(terms, size_std)
         ground = "level ground"
         if self.ahead_deg or self.right_deg:
             ground = "ground of the given slope"
-        words = [f"the camera's height above {ground} ({part})" for part in largest]
+        words = [f"the camera's height above {ground}"] * len(seen)
         feet_m = np.vecdot(rays, seen.sections.axes.along) * height_m / below
         anchor_m = feet_m - distance_m * seen.sections.height_ratio
-        return Placement(distance_m, distance_std, size_std, anchor_m, normals, reasons, words)
+        told = (reasons, words, largest_terms(terms))
+        return Placement(distance_m, distance_std, size_std, anchor_m, normals, *told)
 
     def _normal_in(self, seen: SeenStems, up: Float) -> Float:
         """(3,) normal in the frame's axes; the slope is that ahead of the camera itself."""

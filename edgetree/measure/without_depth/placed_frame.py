@@ -242,4 +242,7 @@ def _with_length(volume: Estimate | Failure, size_std: float) -> Estimate | Fail
     """A volume with the error of the stem's length, which is that of its diameters."""
     if isinstance(volume, Failure):
         return volume
-    return Estimate(volume.value, volume.std + size_std * volume.value)
+    std = volume.std + size_std * volume.value
+    if std > volume.value:
+        return Failure(f"the volume is too uncertain: {volume.value:.2f} ± {std:.2f} m³")
+    return Estimate(volume.value, std)

@@ -79,7 +79,8 @@ class Placement(NamedTuple):
         anchor_m: (T,) heights along the axes, from the sections, at which the distances are known.
         normal: (T, 3) normals of the ground at the stems, or the vertical where nothing tells them.
         reasons: Why a stem is not placed, or None.
-        words: How each distance is known, and what most of its error comes from.
+        words: How each distance is known.
+        doubts: What most of the error of each comes from; empty where it is not told.
     """
 
     distance_m: Float
@@ -89,6 +90,17 @@ class Placement(NamedTuple):
     normal: Float
     reasons: list[str | None]
     words: list[str]
+    doubts: list[str]
+
+    def evidence(self, index: int, size_std: float) -> str:
+        """How one distance is known, with the relative error of sizes there."""
+        doubt = f", most of it from {self.doubts[index]}" if self.doubts[index] else ""
+        return f"{self.words[index]}: ± {100 * size_std:.0f} %{doubt}"
+
+    def uncertain(self, index: int) -> str:
+        """Why one distance is of no use."""
+        doubt = f", mostly because of {self.doubts[index]}" if self.doubts[index] else ""
+        return f"the distance by {self.words[index]} is too uncertain{doubt}"
 
 
 class Way(Protocol):
@@ -120,19 +132,16 @@ def best_placement(placements: Sequence[Placement]) -> Placement:
         picked("normal"),
         [placements[way].reasons[column] for way, column in zip(best, columns, strict=True)],
         [placements[way].words[column] for way, column in zip(best, columns, strict=True)],
+        [placements[way].doubts[column] for way, column in zip(best, columns, strict=True)],
     )
 
 
-def largest_terms(terms: dict[str, Float], total: Float) -> list[str]:
-    """For each stem how large its relative error is, and the term that most of it comes from.
+def largest_terms(terms: dict[str, Float]) -> list[str]:
+    """For each of T stems the term that most of its error comes from.
 
     Args:
         terms: (T,) relative standard deviations by their words.
-        total: (T,) relative standard deviation of all together.
     """
     names = list(terms)
-    largest = np.array([np.abs(terms[name]) for name in names]).argmax(0).tolist()
-    return [
-        f"± {100 * std:.0f} %, most of it from {names[index]}"
-        for std, index in zip(total.tolist(), largest, strict=True)
-    ]
+    largest = np.array([np.abs(terms[name]) for name in names]).argmax(0)
+    return [names[index] for index in largest.tolist()]

@@ -26,7 +26,7 @@ from edgetree.measure.without_depth.placement import Placement, SeenStems
 # A mark on a stem has its middle within this many half widths of the stem's own.
 _ON_STEM = 1.0
 # One beside it is at most this many half widths, or its own lengths, from the stem's edge.
-_BESIDE_WIDTHS, _BESIDE_LENGTHS = 6.0, 3.0
+_BESIDE_WIDTHS, _BESIDE_LENGTHS = 6.0, 1.0
 _LARGEST_LENGTH_M = 20.0
 
 
@@ -121,10 +121,11 @@ class ScaleMarks:
             along_m = float(middle_m @ sections.axes.along[index])
             anchor_m[index] = along_m - distance_m[index] * sections.height_ratio[index]
             own_std[index], reasons[index] = std, None
-            words[index] = f"{mark.name} {where} the stem (± {100 * std:.0f} %)"
+            words[index] = f"{mark.name} {where} the stem"
         focal = seen.frame.rig.focal
         distance_std = np.hypot(own_std, focal)
-        return Placement(distance_m, distance_std, own_std, anchor_m, seen.up, reasons, words)
+        told = (reasons, words, [""] * count)
+        return Placement(distance_m, distance_std, own_std, anchor_m, seen.up, *told)
 
 
 def _stem_of(mark: ScaleMark, seen: SeenStems) -> tuple[int | None, float]:

@@ -24,7 +24,7 @@ def test_every_copy_of_the_marker_is_found_at_its_place() -> None:
     assert (marker.dictionary, marker.number, marker.side_m) == ("4x4_50", 7, 0.16)
     corners_px = np.array([[100.3, 80.2], [171.7, 88.4], [166.1, 160.9], [96.2, 150.0]])
     [found] = marker.detect(picture_of(marker, corners_px))
-    assert np.abs(found - corners_px).max() < 0.6
+    assert np.abs(found - corners_px).max() < 0.8
     other = SingleMarker("4x4_50", 8, 0.16)
     assert len(other.detect(picture_of(marker, corners_px))) == 0
 

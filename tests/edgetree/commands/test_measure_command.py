@@ -138,7 +138,7 @@ def test_the_camera_options_are_passed_to_the_measurement(
     options = ("--up", "0,-1,0", "--mounting", "mounting.json", "--stump-height", 0.2)
     done = run_cli(*IMAGE, "--model", model, *options)
     assert done.code == 0, done.err
-    assert asked["up_camera"] == (0, -1, 0)
+    assert tuple(asked["up_camera"]) == (0, -1, 0)
     np.testing.assert_allclose(asked["mounting"].translation_m, (1.0, 0.0, 2.5))
     assert asked["settings"].max_stump_height_m == 0.2
     assert asked["camera"] == calib.load_camera("camera.json")

@@ -32,7 +32,7 @@ def test_with_a_camera_it_has_an_angle(stand: Any) -> None:
     assert isinstance(size, PixelSize)
     assert size.width_deg is not None
     expected = np.degrees(2 * np.arctan(size.width_px.value / 2 / 700))
-    assert size.width_deg.value == pytest.approx(expected, rel=0.02)
+    assert size.width_deg.value == pytest.approx(expected, rel=0.08)
 
 
 def test_the_lean_is_that_from_the_given_vertical(scene: Any, pole: Any) -> None:
