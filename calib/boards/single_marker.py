@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -48,7 +48,8 @@ class SingleMarker(Settings, error=InputError):
         Returns:
             (N, 4, 2) corners in continuous px, clockwise from the marker's own upper left one.
         """
-        corners, ids, _ = tag_detector(self.dictionary, _BORDER).detectMarkers(grey)
+        found_all: tuple[Any, ...] = tag_detector(self.dictionary, _BORDER).detectMarkers(grey)
+        corners, ids, _ = found_all
         if ids is None:
             return np.zeros((0, 4, 2))
         own = np.asarray(ids).ravel() == self.number

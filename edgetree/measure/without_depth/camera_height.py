@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,24 @@ _LARGEST_SLOPE_DEG = 45.0
 _LARGEST_HEIGHT_M = 50.0
 # A foot less than this below the horizon, as a tangent, tells no distance.
 _LEAST_BELOW = 1e-3
+
+
+class _Feet(NamedTuple):
+    """The feet of T stems on the ground.
+
+    Attributes:
+        rays: (T, 3) rays to them.
+        normals: (T, 3) normals of the ground.
+        fall: (T,) by how much each ray falls towards the ground.
+        below: (T,) the same, at least `_LEAST_BELOW`.
+        height_m: (T,) height of the camera above the foot, along the normal.
+    """
+
+    rays: Float
+    normals: Float
+    fall: Float
+    below: Float
+    height_m: Float
 
 
 @dataclass(frozen=True)
@@ -91,54 +110,66 @@ class CameraHeight:
 
     def place(self, seen: SeenStems) -> Placement:
         """Place stems by the pixels of their feet; see `SeenStems`."""
-        rig = seen.frame.rig
-        normals = np.array([self._normal_in(seen, up) for up in seen.up]).reshape(-1, 3)
-        rays = seen.frame.rays(np.where(np.isfinite(seen.foot_px), seen.foot_px, 0.0))
-        ahead = seen.sections.view_direction
-        fall, reach = -np.vecdot(rays, normals), np.vecdot(rays, ahead)
-        height_m = self.height_m * np.vecdot(normals, seen.up)
-        above_m = np.minimum(seen.foot_above_m, height_m / 2)
-        height_m = height_m - above_m
-        relief_m = np.hypot(RELIEF_STD_M, seen.foot_above_std_m)
-        below = np.maximum(fall, _LEAST_BELOW)
-        front_m = reach * height_m / below
-        distance_m = front_m / seen.sections.front_ratio
+        foot = self._feet(seen)
+        ahead, sections = seen.sections.view_direction, seen.sections
+        reach = np.vecdot(foot.rays, ahead)
+        distance_m = reach * foot.height_m / foot.below / sections.front_ratio
         # Change of the logarithm of the range with the ray.
-        change = ahead / reach[:, None] + normals / below[:, None]
-        step = seen.along_px * seen.foot_std_px[:, None]
-        foot = np.vecdot(seen.frame.rays(seen.foot_px + step) - rays, change)
-        focal = -np.vecdot(rays[:, :2], change[:, :2])
-        tilt = np.matmul(seen.up_covariance, rays[..., None])[..., 0]
-        slope_rad = math.radians(self.slope_std_deg)
-        level = np.sqrt(np.maximum(np.vecdot(rays, rays) - fall**2, 0.0))
-        radius_share = np.sin(seen.sections.half_rad) / seen.sections.front_ratio
-        terms = {
-            "the camera's height (--camera-height)": np.full_like(fall, self.relative_std),
-            "the slope of the ground (--ground-slope)": slope_rad * level / below,
-            "the vertical (--up)": np.sqrt(np.maximum(np.vecdot(rays, tilt), 0.0)) / below,
-            "the pixel of the foot": np.abs(foot),
-            "humps of the ground": relief_m / height_m,
-            "the principal point (--camera)": rig.ray * np.linalg.norm(change[:, :2], axis=1),
-            "the roots": ROOT_FLARE_STD * radius_share,
-        }
+        change = ahead / reach[:, None] + foot.normals / foot.below[:, None]
+        terms = self._terms(seen, foot, change)
         own = np.linalg.norm(list(terms.values()), axis=0)
         # The distance is the inverse of a tangent with these relative errors, to second order.
         own = own * np.sqrt(1 + 8 * np.minimum(own, 1.0) ** 2)
-        distance_std = np.hypot(own, rig.focal * focal)
-        size_std = np.hypot(own, rig.focal * (focal - 1))
-        terms["the focal length (--camera)"] = rig.focal * np.abs(focal - 1)
+        rig_focal, focal = seen.frame.rig.focal, -np.vecdot(foot.rays[:, :2], change[:, :2])
+        terms["the focal length (--camera)"] = rig_focal * np.abs(focal - 1)
         reasons = [
             self._reason(*each)
-            for each in zip(seen.foot_within.tolist(), fall.tolist(), reach.tolist(), strict=True)
+            for each in zip(
+                seen.foot_within.tolist(), foot.fall.tolist(), reach.tolist(), strict=True
+            )
         ]
-        ground = "level ground"
-        if self.ahead_deg or self.right_deg:
-            ground = "ground of the given slope"
-        words = [f"the camera's height above {ground}"] * len(seen)
-        feet_m = np.vecdot(rays, seen.sections.axes.along) * height_m / below
-        anchor_m = feet_m - distance_m * seen.sections.height_ratio
-        told = (reasons, words, largest_terms(terms))
-        return Placement(distance_m, distance_std, size_std, anchor_m, normals, *told)
+        level = not (self.ahead_deg or self.right_deg)
+        ground = "level ground" if level else "ground of the given slope"
+        feet_m = np.vecdot(foot.rays, sections.axes.along) * foot.height_m / foot.below
+        return Placement(
+            distance_m=distance_m,
+            distance_std=np.hypot(own, rig_focal * focal),
+            size_std=np.hypot(own, rig_focal * (focal - 1)),
+            anchor_m=feet_m - distance_m * sections.height_ratio,
+            normal=foot.normals,
+            reasons=reasons,
+            words=[f"the camera's height above {ground}"] * len(seen),
+            doubts=largest_terms(terms),
+        )
+
+    def _feet(self, seen: SeenStems) -> _Feet:
+        normals = np.array([self._normal_in(seen, up) for up in seen.up]).reshape(-1, 3)
+        rays = seen.frame.rays(np.where(np.isfinite(seen.foot_px), seen.foot_px, 0.0))
+        fall = -np.vecdot(rays, normals)
+        height_m = self.height_m * np.vecdot(normals, seen.up)
+        height_m = height_m - np.minimum(seen.foot_above_m, height_m / 2)
+        return _Feet(rays, normals, fall, np.maximum(fall, _LEAST_BELOW), height_m)
+
+    def _terms(self, seen: SeenStems, foot: _Feet, change: Float) -> dict[str, Float]:
+        """(T,) relative errors of the range by what they come from."""
+        rays, below, height_m = foot.rays, foot.below, foot.height_m
+        step = seen.along_px * seen.foot_std_px[:, None]
+        moved = np.vecdot(seen.frame.rays(seen.foot_px + step) - rays, change)
+        tilt = np.vecdot(rays, np.matmul(seen.up_covariance, rays[..., None])[..., 0])
+        level = np.sqrt(np.maximum(np.vecdot(rays, rays) - foot.fall**2, 0.0))
+        sections, relief_m = seen.sections, np.hypot(RELIEF_STD_M, seen.foot_above_std_m)
+        ray_std = seen.frame.rig.ray * np.linalg.norm(change[:, :2], axis=1)
+        return {
+            "the camera's height (--camera-height)": np.full_like(below, self.relative_std),
+            "the slope of the ground (--ground-slope)": (
+                math.radians(self.slope_std_deg) * level / below
+            ),
+            "the vertical (--up)": np.sqrt(np.maximum(tilt, 0.0)) / below,
+            "the pixel of the foot": np.abs(moved),
+            "humps of the ground": relief_m / height_m,
+            "the principal point (--camera)": ray_std,
+            "the roots": ROOT_FLARE_STD * np.sin(sections.half_rad) / sections.front_ratio,
+        }
 
     def _normal_in(self, seen: SeenStems, up: Float) -> Float:
         """(3,) normal in the frame's axes; the slope is that ahead of the camera itself."""

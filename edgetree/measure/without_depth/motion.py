@@ -276,9 +276,7 @@ class MovingCamera:
             distance_m[index], reasons[index] = value_m, None
             std[index] = math.hypot(own, POSE_SCALE_STD)
         focal = frame.rig.focal
-        words = [
-            f"the camera's motion between several views (± {100 * each:.0f} %)" for each in std
-        ]
+        told = (reasons, ["the camera's motion between several views"] * count, [""] * count)
         level_m = -distance_m * sections.height_ratio
         total = np.hypot(std, focal)
-        return Placement(distance_m, total, total, level_m, seen.up, reasons, words)
+        return Placement(distance_m, total, total, level_m, seen.up, *told)

@@ -54,7 +54,7 @@ class PlacedFrame(FittedFrame):
         if not (self.stems.fitted[index] and self.finite[index]):
             return "the distance of the stem cannot be told"
         if self.stems.relative_size_std[index] > MAX_RELATIVE_STD:
-            return f"the distance is too uncertain: from {self.placement.words[index]}"
+            return self.placement.uncertain(index)
         return self._implausible_reason(index)
 
     @cached_property
@@ -199,7 +199,9 @@ class PlacedFrame(FittedFrame):
             "without depth the lean towards or away from the camera is not seen; that across the"
             " view is the lean in the picture"
         )
-        evidence = replace(tree.evidence, distance_from=self.placement.words[index])
+        size_std = self.stems.relative_size_std.item(index)
+        told = self.placement.evidence(index, size_std)
+        evidence = replace(tree.evidence, distance_from=told)
         return replace(tree, inclination_deg=unseen, lean_direction_deg=unseen, evidence=evidence)
 
 

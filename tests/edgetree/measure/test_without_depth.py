@@ -174,7 +174,7 @@ REASONS = {
     "too uncertain": (
         {"ahead_m": 14.0, "diameter_m": 0.5},
         replace(EXACT_HEIGHT, slope_std_deg=8.0),
-        "too uncertain: from the camera's height above level ground",
+        "height above level ground is too uncertain, mostly because of the slope",
     ),
 }
 
