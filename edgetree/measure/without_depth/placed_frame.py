@@ -202,7 +202,19 @@ class PlacedFrame(FittedFrame):
         size_std = self.stems.relative_size_std.item(index)
         told = self.placement.evidence(index, size_std)
         evidence = replace(tree.evidence, distance_from=told)
-        return replace(tree, inclination_deg=unseen, lean_direction_deg=unseen, evidence=evidence)
+        # Frames of one camera share most of what makes the distance uncertain.
+        shared = {
+            name: size_std * value.value
+            for name in ("diameter_m", "dbh_m", "cut_height_m")
+            if (value := getattr(tree, name))
+        }
+        return replace(
+            tree,
+            inclination_deg=unseen,
+            lean_direction_deg=unseen,
+            evidence=evidence,
+            rig_std=shared,
+        )
 
 
 def seen_only(

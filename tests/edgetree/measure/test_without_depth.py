@@ -290,3 +290,8 @@ def test_a_camera_that_hardly_moves_tells_no_distance(
 ) -> None:
     [tree] = drive(scene, [pole()], steps, 0.005)
     assert words in tree.distance_m.reason
+
+
+def test_what_all_frames_share_does_not_average_away(stand: Any, measured: Any) -> None:
+    tree = measured(stand, CameraHeight(1.8, slope_std_deg=3.0))
+    assert 0.5 * tree.dbh_m.std < tree.rig_std["dbh_m"] <= tree.dbh_m.std
