@@ -286,7 +286,7 @@ def _needed(frame: Frame, camera: PinholeCamera | None, ways: list[Way]) -> str 
         return "need the camera: pass --camera" if camera is None else None
     if ways:
         return None if camera is not None else f"need the camera: pass --camera; {NO_FOCAL_LENGTH}"
-    other = "without depth, --camera-height or --marker"
+    other = "or without depth --camera-height or --marker"
     if frame.number is not None:
         return f"need depth with each frame; {other}"
     return f"need depth: pass --depth{' and --camera' if camera is None else ''}; {other}"
