@@ -108,7 +108,7 @@ def by_marker(rows: Rows, folder: Path, count: int, detector: TreeDetector) -> t
         camera, up = PinholeCamera.from_dict(image["camera"]), np.array(image["up_camera"])
         picture = with_marker(read_image(folder / image["file_name"]), camera, point_m, up, rng)
         marker = SingleMarker("4x4_50", MARKER_ID, MARKER_M)
-        corners = marker.detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        corners = marker.detect(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
         seen += len(corners) > 0
         rig, truth = given_rig(image, trees, rng), labelled(image, trees)
         marks = [ScaleMark(corners_px, MARKER_M, "the marker") for corners_px in corners]

@@ -103,7 +103,7 @@ class SizeReferences:
             return None
         first, last = unit(pixels_to_rays(camera, np.reshape(self.horizon_px, (2, 2))))
         up = np.cross(last, first)
-        return unit(-up if up[1] > 0 else up)
+        return np.asarray(unit(-up if up[1] > 0 else up), np.float64)
 
     def ways(self, frame: Frame, turn: Turn) -> list[Way]:
         """The ways to distances in a frame that is turned upright."""
@@ -122,7 +122,8 @@ class SizeReferences:
         marks, missing = [], ""
         if self.marker is not None and frame.image is not None:
             marker, picture = self.marker, turn.picture(frame.image)
-            corners_px = marker.detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+            grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+            corners_px = marker.detect(grey)
             name = f"the marker of {100 * marker.side_m:g} cm"
             marks = [ScaleMark(corners, marker.side_m, name) for corners in corners_px]
             what = f"marker {marker.number} of {marker.dictionary}"

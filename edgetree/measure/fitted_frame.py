@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,24 +29,14 @@ from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.position import StemPosition
-from edgetree.measure.profile import StemProfile
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
-from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
+from edgetree.measure.taper import HeightScale, StemDiameters, Taper, read_diameters
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import volume_by_dbh
 from edgetree.measure.width import MaskWidths
-
-
-class Taper(NamedTuple):
-    """What the diameters along one stem tell, as in `TreeMeasurement`."""
-
-    dbh_m: Estimate | Failure
-    profile: StemProfile | Failure
-    taper_cm_per_m: Estimate | Failure
-    seen_volume_m3: Estimate | Failure
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,8 +65,7 @@ class FittedFrame:
 
     def _failure_reason(self, index: int, outlined: bool) -> str | None:
         stems = self.stems
-        unseen = self._unseen_reason(index, outlined)
-        if unseen is not None:
+        if (unseen := self._unseen_reason(index, outlined)) is not None:
             return unseen
         outline = self.observed.outline
         if outline is not None and outline.smoothed_away[index]:
@@ -108,9 +96,8 @@ class FittedFrame:
     def _implausible_reason(self, index: int) -> str | None:
         """Why the diameter cannot be that of a stem, or None."""
         diameter_m = 2 * float(self.stems.radius_m[index])
-        if not MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
-            return f"a diameter of {diameter_m:.2f} m is not plausible"
-        return None
+        plausible = MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m
+        return None if plausible else f"a diameter of {diameter_m:.2f} m is not plausible"
 
     def foot_failure(self, index: int) -> str | None:
         """Why the foot of a stem shows that its depth cannot be the stem's, or None."""
@@ -170,16 +157,14 @@ class FittedFrame:
         """The lower ends of all stems; `cuts` are the (T, 3) axis points at the felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
-        seen = np.asarray(np.isfinite(self.lowest_px).all(1))
         front = self.stems.radius_m[:, None] * sections.view_direction
-        feet = np.where(seen[:, None], self.lowest_axis_m - front, np.nan)
         return StemBases(
             indices=np.arange(len(cuts)),
             cuts=cuts,
             lowest=self.stems.distance_m[:, None] * sections.centre + along,
             radii_m=self.stems.radius_m,
             foot_within=keypoints.within[:, CUT] | ~keypoints.reaches_lower_side,
-            feet=feet,
+            feet=self.lowest_axis_m - front,
             feet_std_m=self.stems.distance_m * self.lowest_std_rad,
             feet_px=self.lowest_px,
             feet_std_px=self.lowest_std_px,

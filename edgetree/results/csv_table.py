@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Generic, TextIO, TypeVar
 
 from edgetree.frames.pipeline import FrameResult
-from edgetree.measure import QUANTITIES, Estimate, PixelSize, StemProfile, TreeMeasurement
+from edgetree.measure import (
+    QUANTITIES,
+    Estimate,
+    Failure,
+    PixelSize,
+    StemProfile,
+    TreeMeasurement,
+)
 from edgetree.measure.estimates import interval_keys
 from edgetree.results.csv_cells import text_cell
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
@@ -112,9 +119,13 @@ def _tree_rows(result: FrameResult) -> Iterator[dict[str, Any]]:
             "tree": number,
             "score": float(trees.scores[index]),
             **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
-            **(sizes[index].to_dict() if isinstance(sizes[index], PixelSize) else {}),
+            **_pixels(sizes[index]),
             **_metres(measurements[index].to_dict()),
         }
+
+
+def _pixels(size: PixelSize | Failure) -> dict[str, Any]:
+    return size.to_dict() if isinstance(size, PixelSize) else {}
 
 
 def _metres(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -195,7 +195,7 @@ def _pixels(size: PixelSize | Failure) -> dict[str, Any]:
     if isinstance(size, Failure):
         return {"width_failure": size.reason}
     return {
-        name: value if isinstance(value, str) or value is None else round(value, 3)
+        name: round(value, 3) if isinstance(value, float) else value
         for name, value in size.to_dict().items()
     }
 

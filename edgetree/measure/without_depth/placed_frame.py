@@ -20,13 +20,13 @@ from edgetree.measure.constants.placing import (
 from edgetree.measure.constants.stems import MAX_RELATIVE_STD
 from edgetree.measure.cut_diameter import incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
-from edgetree.measure.fitted_frame import FittedFrame, Taper
+from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.keypoints import CUT
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.section import Sections
 from edgetree.measure.stem_fit import Stems
-from edgetree.measure.taper import StemDiameters
+from edgetree.measure.taper import StemDiameters, Taper
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.width import HalfAngle, fuse
 from edgetree.measure.without_depth.foot_ground import FootGround
