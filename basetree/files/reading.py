@@ -108,11 +108,13 @@ class Picture:
         pixels: (H, W) or (H, W, channels) as stored: the pixels of the camera.
         orientation: EXIF orientation, 1 to 8, as the file states it; 1 if it states none.
         format_name: Such as "JPEG", as the content says it.
+        focal_px: Focal length in px that EXIF metadata state; None if they state none.
     """
 
     pixels: NDArray[Any]
     orientation: int = 1
     format_name: str = ""
+    focal_px: float | None = None
 
     def upright(self) -> NDArray[Any]:
         """The pixels turned as the orientation says, as viewers of pictures show them."""
@@ -172,7 +174,11 @@ def decode_picture(
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None else Picture(pixels, header.orientation, header.format_name)
+    return None if pixels is None else _picture(pixels, header)
+
+
+def _picture(pixels: NDArray[Any], header: PictureHeader) -> Picture:
+    return Picture(pixels, header.orientation, header.format_name, header.focal_px)
 
 
 def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:

@@ -10,11 +10,13 @@ from calib.boards.coverage import Coverage
 from calib.boards.detections import BoardDetections, Picture, find_boards
 from calib.boards.marker_boards import AprilGrid, CharucoBoard
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
+from calib.boards.single_marker import MARKER_FORM, SingleMarker, parse_marker
 from calib.boards.solve import LENS_MODELS, BoardView
 
 __all__ = [
     "BOARD_FORMS",
     "LENS_MODELS",
+    "MARKER_FORM",
     "AprilGrid",
     "Board",
     "BoardDetections",
@@ -28,8 +30,10 @@ __all__ = [
     "Dropped",
     "Parameter",
     "Picture",
+    "SingleMarker",
     "ViewResult",
     "calibrate_camera",
     "find_boards",
     "parse_board",
+    "parse_marker",
 ]

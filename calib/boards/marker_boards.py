@@ -45,7 +45,7 @@ class CharucoBoard(Settings, error=InputError):
     def _check_together(self) -> None:
         if self.marker_m >= self.square_m:
             self._refuse(f"marker_m is {self.marker_m:g}", f"less than square_m, {self.square_m:g}")
-        problem = _problem_of(
+        problem = problem_of_dictionary(
             self.dictionary,
             self.columns * self.rows // 2,
             f"{self.columns}x{self.rows} squares",
@@ -124,7 +124,7 @@ class AprilGrid(Settings, error=InputError):
     """OpenCV's dictionary of the tags in lower case."""
 
     def _check_together(self) -> None:
-        problem = _problem_of(
+        problem = problem_of_dictionary(
             self.dictionary, self.columns * self.rows, f"{self.columns}x{self.rows} tags"
         )
         if problem is not None:
@@ -168,7 +168,7 @@ class AprilGrid(Settings, error=InputError):
         """Return the tags: (N, 4, 2) corners in OpenCV's px, (N,) numbers, bits of their border."""
         best: tuple[Float, Int64, int] = np.zeros((0, 4, 2)), np.zeros(0, np.int64), _BORDERS[0]
         for border in _BORDERS:
-            found: tuple[Any, ...] = _tag_detector(self.dictionary, border).detectMarkers(grey)
+            found: tuple[Any, ...] = tag_detector(self.dictionary, border).detectMarkers(grey)
             corners, ids, _ = found
             if ids is None:
                 continue
@@ -199,7 +199,7 @@ def _misfit_px(layout_m: Float, corners_px: Float) -> float:
     return float(np.median(np.linalg.norm(fitted - flat_px, axis=-1)))
 
 
-def _problem_of(dictionary: str, needed: int, what: str) -> tuple[str, str] | None:
+def problem_of_dictionary(dictionary: str, needed: int, what: str) -> tuple[str, str] | None:
     """Return what is wrong with a dictionary of at least `needed` markers, and what is expected."""
     dictionaries = _dictionaries()
     if dictionary not in dictionaries:
@@ -233,7 +233,8 @@ def _charuco(
 
 
 @cache
-def _tag_detector(dictionary: str, border: int) -> cv2.aruco.ArucoDetector:
+def tag_detector(dictionary: str, border: int) -> cv2.aruco.ArucoDetector:
+    """Return the detector of markers with so many bits of black around them."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = border
     return cv2.aruco.ArucoDetector(_predefined(dictionary), parameters)

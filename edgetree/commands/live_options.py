@@ -25,6 +25,12 @@ from edgetree.commands.options import (
     StumpHeight,
     Up,
 )
+from edgetree.commands.reference_options import (
+    CameraHeightText,
+    GroundSlope,
+    MarkerText,
+    Pitch,
+)
 
 if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
@@ -150,6 +156,10 @@ class LiveMetresOptions:
     stump_height: StumpHeight = None
     ground_cover: GroundCover = None
     species: SpeciesName = None
+    camera_height: CameraHeightText = None
+    ground_slope: GroundSlope = None
+    pitch: Pitch = None
+    marker: MarkerText = None
     odometry: _Odometry = False
 
     def tracker(self) -> StemTracker:
@@ -174,6 +184,10 @@ class LiveMetresOptions:
             stump_height=self.stump_height,
             ground_cover=self.ground_cover,
             species=self.species,
+            camera_height=self.camera_height,
+            ground_slope=self.ground_slope,
+            pitch=self.pitch,
+            marker=self.marker,
         )
 
 

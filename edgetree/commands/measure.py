@@ -49,7 +49,12 @@ _Image: TypeAlias = Annotated[
     ),
 ]
 _Camera: TypeAlias = Annotated[
-    Path, typer.Option(metavar="FILE[:NAME]", help=f"Camera file of the image. {CAMERA_FILES}")
+    Path | None,
+    typer.Option(
+        metavar="FILE[:NAME]",
+        help=f"Camera file of the image; needed with depth. {CAMERA_FILES} Without depth and"
+        " camera, the focal length is that of the picture's EXIF.",
+    ),
 ]
 _Mask: TypeAlias = Annotated[
     Path | None,
@@ -79,7 +84,17 @@ class _Inputs:
         """The file that tells distances: a depth image or a point cloud."""
         return self.depth or self.cloud
 
-    def check(self, image: Path, outputs: _Outputs) -> None:
+    def check_shards(self) -> None:
+        """Raise InputError if an option is given that shards do not take."""
+        from basetree.errors import InputError
+
+        for name in ("mask", "right", "cloud"):
+            if getattr(self, name) is not None:
+                raise InputError(f"--{name} given with --shards: expected a model and depth images")
+
+    def check(
+        self, image: Path, camera: Path | None, rig_options: RigOptions, outputs: _Outputs
+    ) -> None:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
@@ -95,8 +110,14 @@ class _Inputs:
             raise InputError("--model given with --mask: expected only one")
         check_distances(self.depth, self.right, self.cloud)
         has_depth = (self.distances or self.right or depth_alone(image)) is not None
-        if self.mask is not None and not has_depth:
-            raise InputError("--mask given without --depth: expected the depth image to measure in")
+        without_depth = rig_options.references() is not None
+        if self.mask is not None and not (has_depth or without_depth):
+            raise InputError(
+                "--mask given without --depth: expected the depth image to measure in, or"
+                " --camera-height or --marker"
+            )
+        if camera is None and not without_depth:
+            raise InputError("--camera is missing: expected the camera file of the image")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
             suffixes = ", ".join(PICTURE_SUFFIXES)
@@ -116,17 +137,21 @@ class _Inputs:
         from edgetree.frames.images import read_masks
         from edgetree.frames.pipeline import measure_frame, process
         from edgetree.sources import open_source
+        from edgetree.sources.files import depth_alone
         from edgetree.sources.stereo import open_stereo
 
-        takes_depth = detector is None or detector.manifest.takes_depth
-        if self.distances is None and self.right is None and not takes_depth:
-            raise InputError("--depth is missing: expected the depth image to measure in")
+        takes_depth = detector is not None and detector.manifest.takes_depth
+        has_depth = (self.distances or self.right or depth_alone(image)) is not None
+        if not has_depth and not takes_depth and rig.references is None:
+            raise InputError(
+                "--depth is missing: expected the depth image to measure in, or without depth"
+                " --camera-height, --marker or --scale-bar"
+            )
         if pair is not None and self.right is not None:
             (frame,) = open_stereo(image, self.right, pair, rig=rig)
         else:
-            (frame,) = open_source(
-                image, self.distances, depth_only=self.distances is None, rig=rig
-            )
+            depth_only = self.distances is None and (takes_depth or has_depth)
+            (frame,) = open_source(image, self.distances, depth_only=depth_only, rig=rig)
         if frame.depth_fault is not None:
             raise InputError(frame.depth_fault)
         if detector is not None:
@@ -169,7 +194,7 @@ class _Outputs:
 @expand_groups
 def measure(
     image: _Image,
-    camera: _Camera,
+    camera: _Camera = None,
     *,
     inputs: _Inputs,
     rig_options: RigOptions,
@@ -182,20 +207,18 @@ def measure(
 
     Each value comes with its standard deviation, or the reason why it could not be measured.
     """
-    from basetree.errors import InputError
     from basetree.files.writing import check_paths
     from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
+    from edgetree.results.csv_table import measurements_of
     from edgetree.results.text_table import table_lines
     from edgetree.sources.files import depth_alone
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
     if shards.are_given:
-        for name in ("mask", "right", "cloud"):
-            if getattr(inputs, name) is not None:
-                raise InputError(f"--{name} given with --shards: expected a model and depth images")
-    if not shards.are_given:
-        inputs.check(image, outputs)
+        inputs.check_shards()
+    else:
+        inputs.check(image, camera, rig_options, outputs)
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
         {
@@ -228,7 +251,7 @@ def measure(
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
-        for line in table_lines(result.measurements or [], result.found.numbers):
+        for line in table_lines(measurements_of(result), result.found.numbers, result.pixel_sizes):
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
@@ -263,13 +286,12 @@ def _record(
     """The JSON object of --json."""
     from edgetree.results import frame_record
 
-    assert result.camera is not None
     paths = {"picture": outputs.out, "csv": outputs.csv, "profiles": outputs.profiles}
     return {
         "schema": "edgetree.measure/1",
         **trees_from,
-        "depth": str(inputs.distances or image),
-        "camera": result.camera.to_dict(),
+        "depth": None if result.frame.depth_m is None else str(inputs.distances or image),
+        "camera": None if result.camera is None else result.camera.to_dict(),
         "frame": frame_record(result),
         **{name: None if path is None else str(path) for name, path in paths.items()},
     }

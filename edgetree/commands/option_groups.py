@@ -26,10 +26,21 @@ from edgetree.commands.options import (
     existing_file,
     quoted,
 )
+from edgetree.commands.reference_options import (
+    CameraHeightText,
+    GroundSlope,
+    Horizon,
+    MarkerText,
+    Pitch,
+    ScaleBarText,
+    size_references,
+    up_of_pitch,
+)
 
 if TYPE_CHECKING:
     from calib import PinholeCamera
     from calib.stereo import StereoPair
+    from edgetree.frames.references import SizeReferences
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings, RigUncertainty
     from edgetree.runtime.detector import TreeDetector
@@ -64,6 +75,12 @@ class RigOptions:
     stump_height: StumpHeight = None
     ground_cover: GroundCover = None
     species: SpeciesName = None
+    camera_height: CameraHeightText = None
+    ground_slope: GroundSlope = None
+    pitch: Pitch = None
+    horizon: Horizon = None
+    marker: MarkerText = None
+    scale_bar: ScaleBarText = None
 
     def rig(self, camera: Path | None, depth: Path | None) -> Rig:
         """Read the files.
@@ -82,11 +99,17 @@ class RigOptions:
 
         if depth is None and self.depth_camera is not None:
             raise InputError("--depth-camera given without --depth: expected both")
+        references = self.references()
+        if depth is not None and references is not None:
+            raise InputError(
+                "--depth given with an option for pictures without depth (--camera-height,"
+                " --marker, --scale-bar or --horizon): expected one way to distances"
+            )
         depth_camera, mounting = self.depth_camera, self.mounting
         extrinsics, cloud_extrinsics = self.depth_extrinsics, self.extrinsic
         rig = Rig(
             camera=None if camera is None else _load_camera(camera),
-            up_camera=None if self.up is None else _direction(self.up, self.rotate),
+            up_camera=self._up(),
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
@@ -96,6 +119,7 @@ class RigOptions:
             rotation_deg=self.rotate,
             uncertainty=_uncertainty(self.rig_errors),
             depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
+            references=references,
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
@@ -126,6 +150,28 @@ class RigOptions:
             )
         pair = load_stereo(camera)
         return stereo_rig(self.rig(None, None), pair), pair
+
+    def references(self) -> SizeReferences | None:
+        """What tells sizes without depth; None if nothing does.
+
+        Raises:
+            InputError: A value is invalid.
+        """
+        return size_references(
+            self.camera_height, self.ground_slope, self.horizon, self.marker, self.scale_bar
+        )
+
+    def _up(self) -> tuple[float, float, float] | None:
+        """The vertical by --up or --pitch."""
+        from basetree.errors import InputError
+
+        given = {"--up": self.up, "--pitch": self.pitch, "--horizon": self.horizon}
+        names = [name for name, value in given.items() if value is not None]
+        if len(names) > 1:
+            raise InputError(f"{names[1]} given with {names[0]}: expected one of them")
+        if self.up is not None:
+            return _direction(self.up, self.rotate)
+        return None if self.pitch is None else up_of_pitch(self.pitch)
 
     def settings(self) -> MeasureSettings | None:
         """The settings of the measurement; None for the defaults.

@@ -221,6 +221,7 @@ def run(
     )
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.frames.pipeline import process
+    from edgetree.measure import StemViews
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink
     from edgetree.sources.files import depth_alone, depth_inside
@@ -253,8 +254,10 @@ def run(
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
+        views = StemViews()
+
         def measure(frame: Frame) -> FrameResult:
-            return process(frame, detector, rig, settings)
+            return process(frame, detector, rig, settings, views)
 
         shown = not (sys.stdout.isatty() and lines is sys.stdout)
         is_interrupted = _write_all(frame_results(frames, measure, left_out, shown=shown), writes)

@@ -58,6 +58,7 @@ class Frame:
         depth_noise: Errors of the depth, as far as the source knows them; None if it does not.
         filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
             in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
+        exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Frame:
     pose: RigidTransform | None = None
     depth_noise: DepthNoise | None = None
     filled_depth_m: NDArray[np.float32] | None = None
+    exif_focal_px: float | None = None
 
     @property
     def where(self) -> str:

@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from calib import CameraError, PinholeCamera
+from calib import CameraError, PinholeCamera, RigidTransform
 from calib.sizeless import SizelessCamera
 from edgetree.detections import TreeDetections
 from edgetree.frames.frame import DepthNoise, Frame
+from edgetree.frames.references import NO_FOCAL_LENGTH
 from edgetree.frames.rig import Rig
+from edgetree.frames.turning import Turn
 from edgetree.runtime.detector import TreeDetector
 
 if TYPE_CHECKING:
-    from edgetree.measure import MeasureSettings, TreeMeasurement
+    from edgetree.measure import (
+        Failure,
+        MeasureSettings,
+        PixelSize,
+        StemViews,
+        TreeMeasurement,
+        Way,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +71,8 @@ class FrameResult:
         camera: The camera of the measurement, of the frame's size; None if it is not known.
         scaling: a note if the rig's camera was scaled to the frame's size, else None.
         turning: a note if the frame was turned by its vertical, else None.
+        turn: The turn that makes the frame upright.
+        up_camera: (3,) the vertical in the camera's frame; None if it is not given.
     """
 
     frame: Frame
@@ -70,6 +82,28 @@ class FrameResult:
     camera: PinholeCamera | None = None
     scaling: str | None = None
     turning: str | None = None
+    turn: Turn = field(default_factory=Turn)
+    up_camera: NDArray[np.float64] | None = None
+
+    @cached_property
+    def pixel_sizes(self) -> list[PixelSize | Failure]:
+        """The size of each tree in the picture, which needs neither depth nor camera."""
+        from edgetree.measure import pixel_sizes
+
+        turn, masks, measured = self.turn, self.found.masks, self.measurements
+        if turn and masks is not None:
+            masks = np.stack([turn.picture(mask) for mask in masks])
+        if turn and measured is not None:
+            measured = [turn.measurement(tree) for tree in measured]
+        camera = self.camera
+        up = self.up_camera
+        return pixel_sizes(
+            turn.trees(self.trees),
+            turn.camera(camera) if turn and camera is not None else camera,
+            masks=masks,
+            up_camera=turn.directions(up) if turn and up is not None else up,
+            measurements=measured,
+        )
 
     @property
     def trees(self) -> TreeDetections:
@@ -106,6 +140,7 @@ def process(
     detector: TreeDetector,
     rig: Rig,
     settings: MeasureSettings | None = None,
+    views: StemViews | None = None,
 ) -> FrameResult:
     """Detect the trees of a frame, and measure them if depth and camera are known.
 
@@ -115,12 +150,13 @@ def process(
         rig: The cameras that took the frame. Its camera takes the place of the frame's own; its
             vertical is for frames without one.
         settings: Settings of the measurement; the defaults if None.
+        views: Earlier views of the stems of a stream, for its frames with poses and without depth.
 
     Raises:
         InputError: The frame does not have the kind of image that the model takes.
         CameraError: The camera is for another aspect ratio.
     """
-    return measure_frame(frame, find_trees(frame, detector, rig), rig, settings)
+    return measure_frame(frame, find_trees(frame, detector, rig), rig, settings, views)
 
 
 def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> FoundTrees:
@@ -142,7 +178,11 @@ def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> 
 
 
 def measure_frame(
-    frame: Frame, found: FoundTrees, rig: Rig, settings: MeasureSettings | None = None
+    frame: Frame,
+    found: FoundTrees,
+    rig: Rig,
+    settings: MeasureSettings | None = None,
+    views: StemViews | None = None,
 ) -> FrameResult:
     """Measure the given trees of a frame, if depth and camera are known: the other half.
 
@@ -153,6 +193,7 @@ def measure_frame(
         found: Its trees.
         rig: The cameras, as for `process`.
         settings: Settings of the measurement; the defaults if None.
+        views: Earlier views of the stems, as for `process`.
 
     Raises:
         CameraError: The camera is for another aspect ratio.
@@ -161,46 +202,65 @@ def measure_frame(
         camera = rig.camera_for(found.trees.image_width, found.trees.image_height) or frame.camera
     except CameraError as error:
         raise CameraError(f"{frame.where}: {error}") from error
-    need = _needed(frame, camera)
+    ways: list[Way] = []
+    if frame.depth_m is None and rig.references is not None:
+        camera = rig.references.camera_for(frame, camera)
+        ways = rig.references.ways(frame, rig.turn(frame))
+    if frame.depth_m is None and frame.pose is not None and views is not None:
+        upright = RigidTransform(rig.turn(frame).back.rotation, np.zeros(3))
+        ways.append(views.at(upright.then(frame.pose)))
+    need = _needed(frame, camera, ways)
+    up_camera = rig.vertical_of(frame, camera)
     measurements = None
-    if frame.depth_m is not None and camera is not None:
-        rig.tell_lens()
-        measurements = _measure(frame, frame.depth_m, camera, found, rig, settings)
+    if need is None and camera is not None:
+        if frame.depth_m is not None:
+            rig.tell_lens()
+        inputs = _Inputs(frame, camera, found, rig, up_camera)
+        measurements = inputs.measured(ways, settings)
     scaling, turning = _scaling(rig.camera, camera), _turning(frame, rig)
-    return FrameResult(frame, found, measurements, need, camera, scaling, turning)
+    more = (camera, scaling, turning, rig.turn(frame), up_camera)
+    return FrameResult(frame, found, measurements, need, *more)
 
 
-def _measure(
-    frame: Frame,
-    depth_m: NDArray[np.float32],
-    camera: PinholeCamera,
-    found: FoundTrees,
-    rig: Rig,
-    settings: MeasureSettings | None,
-) -> list[TreeMeasurement]:
-    from edgetree.measure import TreeMeasurement, measure_trees
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """What a frame is measured with."""
 
-    if frame.depth_fault is not None:
-        return [TreeMeasurement.failed(frame.depth_fault) for _ in range(len(found.trees))]
-    turn, masks, mounting = rig.turn(frame), found.masks, rig.mounting
-    up_camera = rig.up_camera if frame.up_camera is None else frame.up_camera
-    rig.tell_assumed(camera, up_camera is not None)
-    if turn:
-        masks = None if masks is None else np.stack([turn.picture(mask) for mask in masks])
-        up_camera = None if up_camera is None else turn.directions(up_camera)
-        mounting = None if mounting is None else turn.mounting(mounting)
-    measured = measure_trees(
-        turn.trees(found.trees),
-        turn.picture(depth_m),
-        turn.camera(camera) if turn else camera,
-        masks=masks,
-        up_camera=up_camera,
-        mounting=mounting,
-        settings=with_noise(settings, frame.depth_noise),
-        rig_uncertainty=rig.known_uncertainty(),
-        sparse=frame.filled_depth_m is not None,
-    )
-    return [turn.back.measurement(tree) for tree in measured] if turn else measured
+    frame: Frame
+    camera: PinholeCamera
+    found: FoundTrees
+    rig: Rig
+    up_camera: NDArray[np.float64] | None
+
+    def measured(self, ways: list[Way], settings: MeasureSettings | None) -> list[TreeMeasurement]:
+        """The measurement of each tree, by the depth or by other ways to distances."""
+        from edgetree.measure import TreeMeasurement, measure_trees, measure_without_depth
+
+        frame, rig, found, camera = self.frame, self.rig, self.found, self.camera
+        if frame.depth_fault is not None:
+            return [TreeMeasurement.failed(frame.depth_fault) for _ in range(len(found.trees))]
+        turn, masks, mounting, up = rig.turn(frame), found.masks, rig.mounting, self.up_camera
+        rig.tell_assumed(camera, up is not None, has_depth=frame.depth_m is not None)
+        if turn:
+            masks = None if masks is None else np.stack([turn.picture(mask) for mask in masks])
+            up = None if up is None else turn.directions(up)
+            mounting = None if mounting is None else turn.mounting(mounting)
+            camera = turn.camera(camera)
+        given: dict[str, Any] = {
+            "masks": masks,
+            "up_camera": up,
+            "mounting": mounting,
+            "settings": with_noise(settings, frame.depth_noise),
+            "rig_uncertainty": rig.known_uncertainty(),
+        }
+        trees = turn.trees(found.trees)
+        if frame.depth_m is None:
+            measured = measure_without_depth(trees, camera, ways, **given)
+        else:
+            sparse = frame.filled_depth_m is not None
+            depth_m = turn.picture(frame.depth_m)
+            measured = measure_trees(trees, depth_m, camera, sparse=sparse, **given)
+        return [turn.back.measurement(tree) for tree in measured] if turn else measured
 
 
 def with_noise(
@@ -236,10 +296,13 @@ def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | N
     )
 
 
-def _needed(frame: Frame, camera: PinholeCamera | None) -> str | None:
+def _needed(frame: Frame, camera: PinholeCamera | None, ways: list[Way]) -> str | None:
     """What measuring needs; None if nothing is missing."""
     if frame.depth_m is not None:
         return "need the camera: pass --camera" if camera is None else None
+    if ways:
+        return None if camera is not None else f"need the camera: pass --camera; {NO_FOCAL_LENGTH}"
+    other = "or without depth --camera-height or --marker"
     if frame.number is not None:
-        return "need depth with each frame"
-    return f"need depth: pass --depth{' and --camera' if camera is None else ''}"
+        return f"need depth with each frame; {other}"
+    return f"need depth: pass --depth{' and --camera' if camera is None else ''}; {other}"

@@ -20,6 +20,7 @@ from edgetree.frames.frame import Frame
 from edgetree.frames.turning import Turn, check_rotation, turn_of
 
 if TYPE_CHECKING:
+    from edgetree.frames.references import SizeReferences
     from edgetree.measure import RigUncertainty
 
 _log = logging.getLogger(__name__)
@@ -70,6 +71,7 @@ class Rig:
             upright; None: a camera on its side is told by its vertical. All else is that of the
             camera as it is mounted, and so are results.
         uncertainty: How well all this is known; what it does not state is assumed.
+        references: What tells sizes in pictures without depth; None for nothing.
 
     Raises:
         InputError: A value is out of its range, or needs another one that is missing.
@@ -86,6 +88,7 @@ class Rig:
     depth_kind: calib.DepthKind = "depth"
     rotation_deg: int | None = None
     uncertainty: RigUncertainty | None = None
+    references: SizeReferences | None = None
 
     def __post_init__(self) -> None:
         check_scale(self.depth_scale_m, "--depth-scale")
@@ -141,15 +144,32 @@ class Rig:
             return stated
         return replace(stated, depth_scale_std=min(self.depth_calibration.std_share, 0.5))
 
-    def tell_assumed(self, camera: calib.PinholeCamera, has_vertical: bool) -> None:
+    def vertical_of(
+        self, frame: Frame, camera: calib.PinholeCamera | None
+    ) -> NDArray[np.float64] | None:
+        """(3,) the vertical of a frame: its own, or that given, or by a given horizon."""
+        if frame.up_camera is not None:
+            return frame.up_camera
+        if self.up_camera is not None:
+            return unit_vector(self.up_camera)
+        if self.references is None or camera is None:
+            return None
+        return self.references.up_camera(camera)
+
+    def tell_assumed(
+        self, camera: calib.PinholeCamera, has_vertical: bool, *, has_depth: bool = True
+    ) -> None:
         """Say, once for each set of values, which errors of the rig nothing states.
 
         Args:
             camera: The camera of the measurement.
             has_vertical: Whether a vertical is given.
+            has_depth: Whether the measurement uses depth.
         """
         has_mounting = self.mounting is not None
         stated = self.known_uncertainty()
+        if not has_depth:
+            stated = replace(stated, depth_scale_std=0.0)
         _tell_assumed(*stated.assumed(camera, has_vertical or has_mounting, has_mounting))
 
     def completed(self, frame: Frame, width: int, height: int) -> Frame:

@@ -57,6 +57,14 @@ class Turn:
         """Turn (H, W) or (H, W, channels)."""
         return np.ascontiguousarray(np.rot90(pixels, -self.quarters)) if self else pixels
 
+    def points(self, xy_px: ArrayLike, width: int, height: int) -> NDArray[np.float64]:
+        """Points (..., 2) of a picture of this size in the turned picture."""
+        points = np.asarray(xy_px, np.float64)
+        for _ in range(self.quarters):
+            points = np.stack([height - points[..., 1], points[..., 0]], -1)
+            width, height = height, width
+        return points
+
     def camera(self, camera: PinholeCamera) -> PinholeCamera:
         """The camera of the turned picture."""
         return camera.rotated(self.quarters * _QUARTER_DEG)

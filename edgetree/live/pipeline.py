@@ -19,6 +19,7 @@ from edgetree.frames.rig import Rig
 from edgetree.live.results import LiveResult, followed
 from edgetree.live.status import LiveStatus, StatusRecorder
 from edgetree.live.tracking.tracker import StemTracker
+from edgetree.measure import StemViews
 from edgetree.runtime.detector import TreeDetector
 from edgetree.sources.pushed import Handover
 from edgetree.sources.source import FrameSource, SourceLost
@@ -84,9 +85,11 @@ class LivePipeline:
             mounting=self._rig.mounting,
             rotation_deg=self._rig.rotation_deg,
             uncertainty=self._rig.known_uncertainty(),
+            references=self._rig.references,
         )
         self._turning: str | None = None
         self._settings = settings
+        self._views = StemViews()
         self._tracker = tracker or StemTracker()
         self._reopen_s = reopen_s
         self._stopping = threading.Event()
@@ -215,7 +218,7 @@ class LivePipeline:
         start_s = time.perf_counter()
         try:
             frame = self._completed(arrived.frame, found)
-            measured = measure_frame(frame, found, self._mounted, self._settings)
+            measured = measure_frame(frame, found, self._mounted, self._settings, self._views)
         except InputError as error:
             self._leave_out(arrived.frame, str(error))
             return None

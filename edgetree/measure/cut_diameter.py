@@ -38,7 +38,7 @@ def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> F
     """
     half = stems.sections.half_rad
     edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.distance_change_per_rad)
-    distance = stems.distance_std_m / stems.distance_m
+    distance = stems.relative_size_std
     rig = np.full_like(half, frame.rig.size_std)
     shape = np.full_like(half, frame.settings.out_of_round_std)
     parts = [edges, distance, rig, shape, incomplete_std]

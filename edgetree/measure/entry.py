@@ -90,17 +90,12 @@ def measure_trees(
         >>> all(stem.diameter_m or stem.diameter_m.reason for stem in stems)
         True
     """
+    up = vertical_of(up_camera, mounting)
     settings = (settings or MeasureSettings()).scaled(detections.error_factor)
     settings = settings.of_beams() if sparse else settings
-    _check_sizes(detections, depth_m, camera)
-    if masks is not None:
-        _check_masks(detections, masks)
-    up = None if up_camera is None else unit_up(up_camera)
-    if up is None and mounting is not None:
-        up = unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
+    frame = checked_frame(detections, depth_m, camera, masks, settings)
     if not len(detections):
         return []
-    frame = DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
     rig = (rig_uncertainty or RigUncertainty()).errors(camera)
     frame = replace(frame, rig=rig, is_sparse=sparse)
     if detections.keypoints_px is None and frame.masks is None:
@@ -109,6 +104,37 @@ def measure_trees(
     # Values that are not finite are found and reported by `failure_reasons`.
     with np.errstate(all="ignore"):
         return _measure_all(frame, detections, up, mounting)
+
+
+def vertical_of(up_camera: ArrayLike | None, mounting: RigidTransform | None) -> Float | None:
+    """(3,) the given vertical, or that of a level machine; None if neither is known.
+
+    Raises:
+        InputError: It is not a valid direction.
+    """
+    if up_camera is not None:
+        return unit_up(up_camera)
+    if mounting is not None:
+        return unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
+    return None
+
+
+def checked_frame(
+    detections: TreeDetections,
+    depth_m: Float,
+    camera: PinholeCamera,
+    masks: Sequence[Bool] | Bool | None,
+    settings: MeasureSettings,
+) -> DepthFrame:
+    """The frame of some detections; arguments are those of `measure_trees`.
+
+    Raises:
+        InputError: Depth, camera or masks are for another image size, or of another kind.
+    """
+    _check_sizes(detections, depth_m, camera)
+    if masks is not None:
+        _check_masks(detections, masks)
+    return DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
 
 
 def _measure_all(
@@ -137,7 +163,7 @@ def _measure_all(
     views = stem_views(frame, trees)
     fits = [_fitted(view, up) for view in views]
     reasons = [fitted.failure_reasons() for fitted in fits]
-    verticals = _verticals(fits, reasons, up)
+    verticals = verticals_of(fits, reasons, up)
     found = [TreeMeasurement.failed("")] * len(trees)
     for view, fitted, why, up_there in zip(views, fits, reasons, verticals, strict=True):
         measured = _measured(fitted, why, up_there, mounting)
@@ -150,10 +176,7 @@ def _fitted(view: View, up: Float | None) -> FittedFrame:
     """Observe and fit the stems of a view; `up` (3,) is in the camera's axes."""
     settings = view.frame.settings
     frame, observed = _observe(view)
-    vertical = frame.from_camera(np.array(CAMERA_UP) if up is None else up)
-    up_std_rad = np.radians(CAMERA_UP_STD_DEG) if up is None else frame.rig.vertical_rad
-    lean_std_rad = float(np.hypot(np.radians(settings.lean_std_deg), up_std_rad))
-    axes, roll_std_rad = fit_axes(observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad)
+    axes, roll_std_rad, lean_std_rad = axes_in_image(frame, observed, up)
     stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
     return FittedFrame(
         frame=frame,
@@ -177,8 +200,29 @@ def _observe(view: View) -> tuple[DepthFrame, StemObservations]:
     return frame, replace(observed, second=second)
 
 
-def _verticals(
-    fits: list[FittedFrame], reasons: list[list[str | None]], up: Float | None
+def axes_in_image(
+    frame: DepthFrame, observed: StemObservations, up: Float | None
+) -> tuple[StemAxes, Float, float]:
+    """The axes in the image, as near to the vertical as they can be.
+
+    Args:
+        frame: The frame.
+        observed: What it shows of T stems.
+        up: (3,) the given vertical in the camera's axes.
+
+    Returns:
+        The axes, (T,) the deviations of their angles in the image, and that of a stem's lean from
+        the vertical taken here, in rad.
+    """
+    vertical = frame.from_camera(np.array(CAMERA_UP) if up is None else up)
+    up_std_rad = np.radians(CAMERA_UP_STD_DEG) if up is None else frame.rig.vertical_rad
+    lean_std_rad = float(np.hypot(np.radians(frame.settings.lean_std_deg), up_std_rad))
+    rays, std_rad = observed.axis_rays, observed.axis_std_rad
+    return *fit_axes(rays, std_rad, vertical, lean_std_rad), lean_std_rad
+
+
+def verticals_of(
+    fits: Sequence[FittedFrame], reasons: list[list[str | None]], up: Float | None
 ) -> list[Verticals]:
     """The verticals for each view: given, or estimated from all sound stems and the camera.
 
@@ -233,6 +277,28 @@ def _measured(
             grounds[index] = ground
         fitted = fitted.against_feet(bases, grounds)
         reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
+    return values(fitted, cuts, reasons, grounds, verticals, mounting)
+
+
+def values(
+    fitted: FittedFrame,
+    cuts: Float,
+    reasons: list[str | None],
+    grounds: list[BaseGround | Failure],
+    verticals: Verticals,
+    mounting: RigidTransform | None,
+) -> list[TreeMeasurement]:
+    """All values of the stems of a view.
+
+    Args:
+        fitted: The stems.
+        cuts: (T, 3) axis points at their felling cuts.
+        reasons: Why they cannot be measured, or None.
+        grounds: Ground at each stem, in the frame's axes.
+        verticals: The verticals in the camera's axes, those of these stems first.
+        mounting: Transform from camera to machine coordinates.
+    """
+    frame = fitted.frame
     tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
     if frame.rotation is not None:
         back = frame.rotation.T

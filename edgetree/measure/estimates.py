@@ -173,6 +173,8 @@ class Evidence:
 
     Attributes:
         method: Sources with a weight in the diameter, such as "keypoints + mask + depth".
+        distance_from: What the distance comes from: "depth", or without it the way, the relative
+            error of sizes, and what most of it comes from.
         source_diameters_m: Diameter in metres that each source gives by itself.
         source_std_m: Standard deviation of each of these in metres.
         arc_deg: Arc of the stem's circumference with depth readings, in degrees; at most 180 is
@@ -187,6 +189,7 @@ class Evidence:
     """
 
     method: str = ""
+    distance_from: str = "depth"
     source_diameters_m: dict[str, float] = field(default_factory=dict)
     source_std_m: dict[str, float] = field(default_factory=dict)
     arc_deg: float = 0.0
@@ -200,6 +203,7 @@ class Evidence:
         """The attributes as a JSON-ready dictionary."""
         return {
             "method": self.method,
+            "distance_from": self.distance_from,
             "source_diameters_m": dict(self.source_diameters_m),
             "source_std_m": dict(self.source_std_m),
             "arc_deg": self.arc_deg,

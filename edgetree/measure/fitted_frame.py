@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from basetree.arrays import Bool, Float
 from calib import RigidTransform
 from calib.directions import lengths
+from edgetree.measure import foot
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
@@ -23,31 +23,20 @@ from edgetree.measure.constants.stems import (
 from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, if_certain, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
-from edgetree.measure.foot import lowest_seen_px, lowest_std_px
 from edgetree.measure.foot_distance import FootDistances, foot_distances
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.position import StemPosition
-from edgetree.measure.profile import StemProfile
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
-from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
+from edgetree.measure.taper import HeightScale, StemDiameters, Taper, read_diameters
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import volume_by_dbh
 from edgetree.measure.width import MaskWidths
-
-
-class _Taper(NamedTuple):
-    """What the diameters along one stem tell, as in `TreeMeasurement`."""
-
-    dbh_m: Estimate | Failure
-    profile: StemProfile | Failure
-    taper_cm_per_m: Estimate | Failure
-    seen_volume_m3: Estimate | Failure
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,12 +65,8 @@ class FittedFrame:
 
     def _failure_reason(self, index: int, outlined: bool) -> str | None:
         stems = self.stems
-        if not self.keypoints.has_section[index] and not outlined:
-            if self.frame.masks is None:
-                return "the diameter keypoints are not in the image"
-            return "neither the diameter keypoints nor the mask show both edges of the stem"
-        if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
-            return "the mask shows hardly any of the stem"
+        if (unseen := self._unseen_reason(index, outlined)) is not None:
+            return unseen
         outline = self.observed.outline
         if outline is not None and outline.smoothed_away[index]:
             return "the camera smooths the depth over more than the width of the stem"
@@ -104,10 +89,23 @@ class FittedFrame:
             return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
-        diameter_m = 2 * float(stems.radius_m[index])
-        if not MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
-            return f"a diameter of {diameter_m:.2f} m is not plausible"
+        return self._implausible_reason(index)
+
+    def _unseen_reason(self, index: int, outlined: bool) -> str | None:
+        """Why the picture shows too little of a stem, or None."""
+        if not self.keypoints.has_section[index] and not outlined:
+            if self.frame.masks is None:
+                return "the diameter keypoints are not in the image"
+            return "neither the diameter keypoints nor the mask show both edges of the stem"
+        if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
+            return "the mask shows hardly any of the stem"
         return None
+
+    def _implausible_reason(self, index: int) -> str | None:
+        """Why the diameter cannot be that of a stem, or None."""
+        diameter_m = 2 * float(self.stems.radius_m[index])
+        plausible = MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m
+        return None if plausible else f"a diameter of {diameter_m:.2f} m is not plausible"
 
     def foot_failure(self, index: int) -> str | None:
         """Why the foot of a stem shows that its depth cannot be the stem's, or None."""
@@ -124,7 +122,7 @@ class FittedFrame:
         """
         xy_px, known = self.keypoints.xy_px[:, CUT], self.keypoints.within[:, CUT]
         if not self.keypoints.offered:
-            xy_px, known = self._lowest_px, np.asarray(np.isfinite(self._lowest_px).all(1))
+            xy_px, known = self.lowest_px, np.asarray(np.isfinite(self.lowest_px).all(1))
         return self._axis_points(xy_px, known)
 
     def _axis_points(self, xy_px: Float, known: Bool) -> Float:
@@ -138,42 +136,46 @@ class FittedFrame:
         return np.asarray(self.stems.distance_m[:, None] * points)
 
     @cached_property
-    def _lowest_px(self) -> Float:
+    def lowest_px(self) -> Float:
         """(T, 2) lowest points of the masks on their stems; NaN where there are none."""
         if self.observed.outline is None:
             return np.full((len(self.stems.distance_m), 2), np.nan)
-        return lowest_seen_px(self.frame, self.observed.outline.regions)
+        return foot.lowest_seen_px(self.frame, self.observed.outline.regions)
 
     @cached_property
-    def _lowest_std_px(self) -> Float:
+    def lowest_axis_m(self) -> Float:
+        """(T, 3) axis points level with the lowest points of the masks; NaN without one."""
+        seen = np.asarray(np.isfinite(self.lowest_px).all(1))
+        return np.where(seen[:, None], self._axis_points(self.lowest_px, seen), np.nan)
+
+    @cached_property
+    def lowest_std_px(self) -> Float:
         """(T,) standard deviations of these points, up and down."""
         if self.observed.outline is None:
             return np.zeros(len(self.stems.distance_m))
-        return lowest_std_px(self.frame)
+        return foot.lowest_std_px(self.frame)
 
     @cached_property
-    def _lowest_std_rad(self) -> Float:
+    def lowest_std_rad(self) -> Float:
         """(T,) the same of their directions."""
         reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
-        return np.asarray(self._lowest_std_px / reach_px)
+        return np.asarray(self.lowest_std_px / reach_px)
 
     def bases(self, cuts: Float) -> StemBases:
         """The lower ends of all stems; `cuts` are the (T, 3) axis points at the felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
-        seen = np.asarray(np.isfinite(self._lowest_px).all(1))
         front = self.stems.radius_m[:, None] * sections.view_direction
-        feet = np.where(seen[:, None], self._axis_points(self._lowest_px, seen) - front, np.nan)
         return StemBases(
             indices=np.arange(len(cuts)),
             cuts=cuts,
             lowest=self.stems.distance_m[:, None] * sections.centre + along,
             radii_m=self.stems.radius_m,
             foot_within=keypoints.within[:, CUT] | ~keypoints.reaches_lower_side,
-            feet=feet,
-            feet_std_m=self.stems.distance_m * self._lowest_std_rad,
-            feet_px=self._lowest_px,
-            feet_std_px=self._lowest_std_px,
+            feet=self.lowest_axis_m - front,
+            feet_std_m=self.stems.distance_m * self.lowest_std_rad,
+            feet_px=self.lowest_px,
+            feet_std_px=self.lowest_std_px,
         )
 
     def against_feet(self, bases: StemBases, grounds: list[BaseGround | Failure]) -> FittedFrame:
@@ -242,7 +244,7 @@ class FittedFrame:
         cover_m = [each.cover_std_m if isinstance(each, BaseGround) else 0.0 for each in grounds]
         shared = (
             TAPER_PER_M * np.array(cover_m),
-            stems.distance_std_m / stems.distance_m,
+            stems.relative_size_std,
             np.full_like(stems.distance_m, self.frame.rig.size_std),
             self.incomplete_std,
         )
@@ -255,12 +257,12 @@ class FittedFrame:
             breast_height_m=self.settings.breast_height_m,
         )
 
-    def tapers(self, diameters: StemDiameters, grounds: list[BaseGround | Failure]) -> list[_Taper]:
+    def tapers(self, diameters: StemDiameters, grounds: list[BaseGround | Failure]) -> list[Taper]:
         """What the diameters along each stem tell; places of edges are in the camera's axes."""
         if self.frame.masks is None:
             unseen = Failure("the model gives no masks to see the edges of the stem")
             return [
-                _Taper(self._breast_height_diameter(ground, None), unseen, unseen, unseen)
+                Taper(self._breast_height_diameter(ground, None), unseen, unseen, unseen)
                 for ground in grounds
             ]
         dbh = map(self._breast_height_diameter, grounds, diameters.breast)
@@ -269,7 +271,7 @@ class FittedFrame:
             for profile in diameters.profiles()
         ]
         parts = (profiles, diameters.tapers_cm_per_m(), diameters.volumes_m3())
-        return list(map(_Taper, dbh, *parts))
+        return list(map(Taper, dbh, *parts))
 
     def _height_scale(self, cuts: Float, grounds: list[BaseGround | Failure]) -> HeightScale:
         """Heights above the ground along the axes, or from the section without a ground."""
@@ -301,7 +303,7 @@ class FittedFrame:
         cut: Float,
         ground: BaseGround | Failure,
         verticals: Verticals,
-        taper: _Taper,
+        taper: Taper,
         mounting: RigidTransform | None,
     ) -> TreeMeasurement:
         """All measurements of one tree.
@@ -388,7 +390,7 @@ class FittedFrame:
         if self.keypoints.within[index, CUT]:
             cut_rad = self.keypoints.std_px.item(index, CUT, 1) / reach_px
         elif not self.keypoints.offered:
-            cut_rad = self._lowest_std_rad.item(index)
+            cut_rad = self.lowest_std_rad.item(index)
         radius_m = stems.radius_m.item(index)
         doubt = 1 + AXIS_DOUBT * self.incomplete_std.item(index)
         return StemPosition(

@@ -128,6 +128,17 @@ class BaseGround:
         parts = (plane_std_m, outlier_std_m, cover_std_m, uphill_std_m, LITTER_STD_M)
         return Estimate(value, math.hypot(*parts, axis_std_m))
 
+    def cut_std_m(self, height_m: float, rise: float, distance_std_m: float, cut_m: float) -> float:
+        """Standard deviation of a cut's height by the errors of its distance and direction.
+
+        Args:
+            height_m: Its height.
+            rise: Metres that it rises per metre of its distance from the camera.
+            distance_std_m: Standard deviation of the distance.
+            cut_m: That of its place across the line of sight, up and down.
+        """
+        return math.hypot(rise * distance_std_m, cut_m)
+
     def axis_length_m(
         self, axis_point: Float, along: Float, radius_m: float, height_m: float
     ) -> float:

@@ -155,10 +155,12 @@ class StemPosition:
         if isinstance(ground, Failure):
             return ground
         rise = float(self.cut @ ground.up) / self._range_m
-        std = math.hypot(rise * self._at_section_std_m, self.cut_rad * self._range_m)
-        height = ground.height_m(self.cut, self.along, self.radius_m, std)
+        height = ground.height_m(self.cut, self.along, self.radius_m, 0.0)
         if isinstance(height, Failure):
             return height
+        cut_m = self.cut_rad * self._range_m
+        std = ground.cut_std_m(height.value, rise, self._at_section_std_m, cut_m)
+        height = Estimate(height.value, math.hypot(height.std, std))
         rig_m = self.rig.std_m(height.value * self.along, ground.up)
         return Estimate(height.value, math.hypot(height.std, rig_m))
 

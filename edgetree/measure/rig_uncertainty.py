@@ -143,6 +143,7 @@ class RigErrors:
         focal: Of g.
         vertical_rad: Of the given vertical, about each level axis.
         mounting_rad: Of the rotation to the machine, about each axis.
+        placed: Whether stems are placed without depth, which states the errors of sizes itself.
     """
 
     scale: float
@@ -150,10 +151,13 @@ class RigErrors:
     focal: float
     vertical_rad: float
     mounting_rad: float
+    placed: bool = False
 
     @cached_property
     def size_std(self) -> float:
         """Relative standard deviation of lengths across the view, such as diameters."""
+        if self.placed:
+            return 0.0
         return math.hypot(self.scale, self.focal)
 
     def std_m(self, vector: Float, direction: Float) -> float:

@@ -65,6 +65,8 @@ class Stems:
         arc_rad: (T,) arc of the stem's circumference that the readings cover.
         used: (T,) number of readings that agree with the stem.
         agreeing: (T,) their fraction of the readings between the edges.
+        size_std: (T,) relative standard deviation of lengths across the view at the stems; None
+            where it is that of the distance.
     """
 
     sections: Sections
@@ -78,12 +80,20 @@ class Stems:
     arc_rad: Float
     used: Index
     agreeing: Float
+    size_std: Float | None = None
 
     @cached_property
     def fitted(self) -> Bool:
         """(T,) whether the fit succeeded."""
         sound = np.isfinite(self.distance_m) & (self.distance_m > 0)
         return np.asarray(sound & (self.used >= MIN_READINGS) & (self.sections.centre[:, 2] > 0))
+
+    @cached_property
+    def relative_size_std(self) -> Float:
+        """(T,) relative standard deviation of lengths across the view, without that of the rig."""
+        if self.size_std is not None:
+            return self.size_std
+        return np.asarray(self.distance_std_m / self.distance_m)
 
     @cached_property
     def disagreement(self) -> Float:

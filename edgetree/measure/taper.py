@@ -28,6 +28,15 @@ from edgetree.measure.width import MaskWidths
 _STEP_M, _MAX_DIAMETERS = 0.1, 300
 
 
+class Taper(NamedTuple):
+    """What the diameters along one stem tell, as in `TreeMeasurement`."""
+
+    dbh_m: Estimate | Failure
+    profile: StemProfile | Failure
+    taper_cm_per_m: Estimate | Failure
+    seen_volume_m3: Estimate | Failure
+
+
 class HeightScale(NamedTuple):
     """Heights along the axes of T stems.
 

@@ -206,6 +206,7 @@ def _turned_view(
         focal=frame.rig.focal,
         vertical_rad=frame.rig.vertical_rad,
         mounting_rad=frame.rig.mounting_rad,
+        placed=frame.rig.placed,
         rotation=rotation,
     )
     view = TurnedFrame(

@@ -92,10 +92,14 @@ class _Totals:
         self._frames += 1
         anchor, name = f"frame-{self._frames}", result.frame.name
         measured = 0
-        for number, score, tree in zip(
-            result.found.numbers, result.trees.scores, measurements_of(result), strict=True
+        for number, score, tree, size in zip(
+            result.found.numbers,
+            result.trees.scores,
+            measurements_of(result),
+            result.pixel_sizes,
+            strict=True,
         ):
-            self._rows.append(tree_row(anchor, name, number, float(score), tree))
+            self._rows.append(tree_row(anchor, name, number, float(score), tree, size))
             self._reasons.update(failure_reasons(tree))
             if isinstance(tree.diameter_m, Estimate):
                 self._diameters_m.append(tree.diameter_m.value)

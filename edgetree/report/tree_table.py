@@ -10,10 +10,10 @@ from typing import Final
 
 from basetree.page import charts, parts
 from basetree.page.axis import Axis
-from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.measure import Estimate, Failure, PixelSize, TreeMeasurement
 from edgetree.report.profile_chart import further_values_html
 from edgetree.report.units import CLASS_EDGE, UNITS, length_attributes, tick_text, unit_name
-from edgetree.results.text_table import failure_reasons
+from edgetree.results.text_table import failure_reasons, pixel_words
 from edgetree.results.units import AMOUNTS, direction_words
 
 _CLASS_CM: Final = 4
@@ -21,7 +21,14 @@ _COLUMNS: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "di
 _MISSING: Final = parts.Cell("–", 'class="none"')
 
 
-def tree_row(anchor: str, frame: str, number: int, score: float, measured: TreeMeasurement) -> str:
+def tree_row(
+    anchor: str,
+    frame: str,
+    number: int,
+    score: float,
+    measured: TreeMeasurement,
+    size: PixelSize | Failure,
+) -> str:
     """The row of one tree.
 
     Args:
@@ -30,9 +37,13 @@ def tree_row(anchor: str, frame: str, number: int, score: float, measured: TreeM
         number: Number of the tree in the picture.
         score: Score of the detection.
         measured: Its measurement.
+        size: Its size in the picture.
     """
     notes = [f"{what}: {reason}" for what, reason in failure_reasons(measured)]
     notes += [f"warning: {text}" for text in measured.evidence.warnings]
+    if measured.evidence.distance_from != "depth":
+        notes.append(f"distance from {measured.evidence.distance_from}")
+    notes.append(pixel_words(size))
     items = [*(escape(note) for note in notes), *further_values_html(measured)]
     remarks = "".join(f"<li>{item}</li>" for item in items)
     return parts.row(

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Generic, TextIO, TypeVar
 
 from edgetree.frames.pipeline import FrameResult
-from edgetree.measure import QUANTITIES, Estimate, StemProfile, TreeMeasurement
+from edgetree.measure import (
+    QUANTITIES,
+    Estimate,
+    Failure,
+    PixelSize,
+    StemProfile,
+    TreeMeasurement,
+)
 from edgetree.measure.estimates import interval_keys
 from edgetree.results.csv_cells import text_cell
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
@@ -78,7 +85,24 @@ def _of_quantities(quantities: Iterable[str]) -> tuple[str, ...]:
 
 _BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
 _CUT_POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
-_EVIDENCE: Final = ("method", "arc_deg", "valid_depth_share", "visible_share", "ground", "warnings")
+_PIXELS: Final = (
+    "width_px",
+    "width_std_px",
+    "width_deg",
+    "width_std_deg",
+    "width_at",
+    "lean_in_picture_deg",
+    "lean_in_picture_std_deg",
+)
+_EVIDENCE: Final = (
+    "method",
+    "distance_from",
+    "arc_deg",
+    "valid_depth_share",
+    "visible_share",
+    "ground",
+    "warnings",
+)
 _PROFILE: Final = (
     "profile_heights_from",
     "profile_lowest_m",
@@ -88,15 +112,20 @@ _PROFILE: Final = (
 
 
 def _tree_rows(result: FrameResult) -> Iterator[dict[str, Any]]:
-    trees, measurements = result.trees, measurements_of(result)
+    trees, measurements, sizes = result.trees, measurements_of(result), result.pixel_sizes
     for index, number in enumerate(result.found.numbers):
         yield {
             "frame": result.frame.name,
             "tree": number,
             "score": float(trees.scores[index]),
             **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
+            **_pixels(sizes[index]),
             **_metres(measurements[index].to_dict()),
         }
+
+
+def _pixels(size: PixelSize | Failure) -> dict[str, Any]:
+    return size.to_dict() if isinstance(size, PixelSize) else {}
 
 
 def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,6 +148,7 @@ TREES: Final = Table(
         "tree",
         "score",
         *_BOX,
+        *_PIXELS,
         *_of_quantities(QUANTITIES),
         "species",
         *_PROFILE,

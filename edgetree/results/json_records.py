@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO
 from calib import encode_rle
 from edgetree.detections import KEYPOINT_NAMES, UnlikeTraining
 from edgetree.frames.pipeline import FrameResult
+from edgetree.measure import Failure, PixelSize
 from edgetree.measure.estimates import interval_keys, interval_values
 
 if TYPE_CHECKING:
@@ -26,8 +27,9 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
 
     Pixel coordinates are continuous, with (0, 0) at the outer corner of the first pixel. `tree` is
     the number in tables and pictures, `box_px` is x0, y0, x1, y1, a keypoint is x, y, score, and
-    `mask_rle` is a compressed COCO RLE mask of the image's size. `metres` is the measurement, or
-    null if there is none; `metres_need` then says which option is missing. `unlike_training` is the
+    `mask_rle` is a compressed COCO RLE mask of the image's size. `pixels` is the tree's width in
+    the picture, which needs neither depth nor camera. `metres` is the measurement, or null if there
+    is none; `metres_need` then says which option is missing. `unlike_training` is the
     statistic that tells that the image looks unlike the training pictures, with advice; it is there
     only then.
     """
@@ -69,6 +71,7 @@ def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
     mask = result.found.mask(index)
     if mask is not None:
         record["mask_rle"] = encode_rle(mask)
+    record["pixels"] = _pixels(result.pixel_sizes[index])
     record["metres"] = _metres(result, index)
     if result.measurements is None:
         record["metres_need"] = result.metres_need
@@ -185,6 +188,16 @@ def _detection(result: FrameResult, index: int) -> dict[str, Any]:
 
 def _metres(result: FrameResult, index: int) -> dict[str, Any] | None:
     return None if result.measurements is None else result.measurements[index].to_dict()
+
+
+def _pixels(size: PixelSize | Failure) -> dict[str, Any]:
+    """The size in the picture as a JSON object, or the reason why there is none."""
+    if isinstance(size, Failure):
+        return {"width_failure": size.reason}
+    return {
+        name: round(value, 3) if isinstance(value, float) else value
+        for name, value in size.to_dict().items()
+    }
 
 
 def _rounded(values: Iterable[float], digits: int) -> list[float]:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from textwrap import wrap
 from typing import Final
 
-from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
+from edgetree.measure import (
+    Estimate,
+    Evidence,
+    Failure,
+    PixelSize,
+    StemProfile,
+    TreeMeasurement,
+)
+from edgetree.measure.pixel_sizes import BREAST_HEIGHT
 from edgetree.measure.volume import VOLUME_SOURCE
 from edgetree.results.units import AMOUNTS, direction_words
 
@@ -21,7 +29,11 @@ _LINE: Final = 100
 _INDENT: Final = " " * 6
 
 
-def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -> Iterator[str]:
+def table_lines(
+    measurements: list[TreeMeasurement],
+    numbers: tuple[int, ...],
+    sizes: Sequence[PixelSize | Failure] | None = None,
+) -> Iterator[str]:
     """The lines of the table.
 
     Each tree has a row, followed by the values without a column, its failures, its warnings and
@@ -30,12 +42,13 @@ def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -
     Args:
         measurements: The measurement of each tree.
         numbers: The number of each tree.
+        sizes: The size of each tree in the picture.
     """
     if not measurements:
         yield "no trees"
         return
     yield _row("tree", {name: AMOUNTS[name].name for name in _WIDTHS})
-    for number, tree in zip(numbers, measurements, strict=True):
+    for index, (number, tree) in enumerate(zip(numbers, measurements, strict=True)):
         yield _row(f"{number:4}", {name: _cell(tree, name) for name in _WIDTHS})
         notes = [*further_values(tree)]
         notes += [f"{what}: {reason}" for what, reason in failure_reasons(tree)]
@@ -45,6 +58,8 @@ def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -
             notes.append(f"ground: {ground}")
         if tree.evidence.method:
             notes.append(_evidence(tree.evidence))
+        if sizes is not None:
+            notes.append(pixel_words(sizes[index]))
         for text in notes:
             yield from wrap(text, _LINE, initial_indent=_INDENT, subsequent_indent=_INDENT + "  ")
     yield "± is one standard deviation; twice that holds the truth for 95 trees in 100"
@@ -103,9 +118,24 @@ def failure_reasons(tree: TreeMeasurement) -> Iterator[tuple[str, str]]:
         yield "not measured" if len(names) == len(asked) else f"no {', '.join(names)}", reason
 
 
+def pixel_words(size: PixelSize | Failure) -> str:
+    """The size of a tree in the picture, as text."""
+    if isinstance(size, Failure):
+        return f"no width in the picture: {size.reason}"
+    width, angle, lean = size.width_px, size.width_deg, size.lean_in_picture_deg
+    place = size.width_at if size.width_at == BREAST_HEIGHT else f"the {size.width_at}"
+    degrees = "" if angle is None else f", {angle.value:.2f} ± {angle.std:.2f}°"
+    return (
+        f"in the picture {width.value:.0f} ± {width.std:.0f} px wide at {place}"
+        f"{degrees}, leaning by {lean.value:.1f} ± {lean.std:.1f}°"
+    )
+
+
 def _evidence(evidence: Evidence) -> str:
     shown = evidence.visible_share
     visible = "" if shown is None else f"{shown:.0%} of the stem visible, "
+    if evidence.distance_from != "depth":
+        return f"from {evidence.method}; {visible}distance from {evidence.distance_from}"
     return (
         f"from {evidence.method}; {visible}depth at {evidence.valid_depth_share:.0%} of it,"
         f" an arc of {evidence.arc_deg:.0f}° seen"

@@ -295,22 +295,23 @@ class _ImageFrames(BaseSource):
                 f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
                 f" expected one for image {path}"
             )
-        image = self._pixels(path, self._upright and depth is None)
+        image, focal_px = self._pixels(path, self._upright and depth is None)
         if depth is None:
-            return Frame(name, path, image)
+            return Frame(name, path, image, exif_focal_px=focal_px)
         size_px = (image.shape[1], image.shape[0])
         if is_cloud_file(depth):
             beams = self._rig.read_beams(depth, size_px)
             return Frame(name, path, image, beams.depth_m, filled_depth_m=beams.filled_m)
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
-    def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:
-        """Read an image; the first one that states an orientation is told."""
+    def _pixels(self, path: Path, upright: bool) -> tuple[NDArray[np.uint8], float | None]:
+        """Read an image and its focal length; the first one that states an orientation is told."""
         picture = read_colour(path)
         if picture.orientation != 1 and not self._has_told:
             self._has_told = True
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
-        return np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
+        pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
+        return pixels, picture.focal_px
 
 
 class _Stream(BaseSource):

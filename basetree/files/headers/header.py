@@ -22,6 +22,7 @@ class PictureHeader:
         decoder_bytes: Memory that a decoder takes beside the decoded pixels.
         orientation: EXIF orientation, 1 to 8: how the stored pixels are to be turned; 1 if the
             file states none.
+        focal_px: Focal length in px that EXIF metadata state; None if they state none.
         is_whole: Whether the file holds the bytes that it states, as far as that is told.
     """
 
@@ -33,6 +34,7 @@ class PictureHeader:
     decoder_bytes: int = 0
     orientation: int = 1
     is_whole: bool = True
+    focal_px: float | None = None
 
     def reading_bytes(self, channels: int, sample_bytes: int) -> int:
         """Memory that reading takes at its peak, for decoded pixels of so many bytes.

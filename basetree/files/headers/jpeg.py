@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from basetree.files.headers.exif import UPRIGHT, read_orientation
+from basetree.files.headers.exif import read_focal_px, read_orientation
 from basetree.files.headers.header import PictureHeader
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF0 to SOF15
@@ -25,7 +25,7 @@ class _Frame(NamedTuple):
 
 def read_header(data: bytes) -> PictureHeader | None:
     """Follow the segments to the first scan, as the decoder does; None if there is no frame."""
-    position, orientation = 2, UPRIGHT
+    position, exif = 2, b""
     frame: _Frame | None = None
     for _ in range(_MOST_SEGMENTS):
         position, marker = _next_marker(data, position)
@@ -35,11 +35,11 @@ def read_header(data: bytes) -> PictureHeader | None:
             return None
         (length,) = struct.unpack_from(">H", data, position)
         if marker == _SCAN:
-            return None if frame is None else _header(data, position, frame, orientation)
+            return None if frame is None else _header(data, position, frame, exif)
         if marker in _FRAMES:
             frame = frame or _read_frame(data, position)
         elif marker == _APP1 and data.startswith(_EXIF, position + 2):
-            orientation = read_orientation(data[position + 8 : position + length])
+            exif = exif or data[position + 8 : position + length]
         position += length
     return None
 
@@ -67,7 +67,7 @@ def _read_frame(data: bytes, position: int) -> _Frame:
     return _Frame(width, height, components, sum(areas) / max([1, *areas]))
 
 
-def _header(data: bytes, position: int, frame: _Frame, orientation: int) -> PictureHeader | None:
+def _header(data: bytes, position: int, frame: _Frame, exif: bytes) -> PictureHeader | None:
     """The header of a picture whose first scan is at a position.
 
     A decoder keeps the coefficients of the whole picture, 2 bytes each, if a scan does not hold
@@ -84,5 +84,7 @@ def _header(data: bytes, position: int, frame: _Frame, orientation: int) -> Pict
         return None
     channels = 1 if frame.components == 1 else 3
     return PictureHeader(
-        "JPEG", frame.width, frame.height, channels, 1, coefficient_bytes, orientation
+        *("JPEG", frame.width, frame.height, channels, 1, coefficient_bytes),
+        orientation=read_orientation(exif),
+        focal_px=read_focal_px(exif, frame.width, frame.height),
     )

@@ -8,7 +8,7 @@ import re
 from types import ModuleType
 from typing import NamedTuple
 
-from edgetree.measure.constants import depth, ground, outlines, rig, stems
+from edgetree.measure.constants import depth, ground, outlines, placing, rig, stems
 
 TOPICS = {
     "Stems": stems,
@@ -16,6 +16,7 @@ TOPICS = {
     "Keypoints and masks": outlines,
     "Depth": depth,
     "Rig": rig,
+    "Without depth": placing,
 }
 """The modules of constants by their headings."""
 

@@ -22,6 +22,7 @@ from picture_files import (
 )
 
 from basetree.errors import InputFileError
+from basetree.files.headers.exif import read_focal_px
 from basetree.files.limits import current_limits, set_limits
 from basetree.files.picture_size import picture_size
 from basetree.files.reading import decode_image, is_image_file, read_image
@@ -235,3 +236,51 @@ def test_previews_and_other_compressions_of_tiff_are_named() -> None:
         decode_image(tiff_of(COLOUR, tag_254=1))
     with pytest.raises(InputFileError, match="a TIFF of compression 34712, expected none, LZW"):
         decode_image(tiff_of(COLOUR, tag_259=34712))
+
+
+def _exif_with(order: str, **numbers: tuple[int, int]) -> bytes:
+    """EXIF metadata with entries in the directory of the photograph's data."""
+    tags = {"equivalent": (41989, 3), "focal": (37386, 5), "plane": (41486, 5), "unit": (41488, 3)}
+    tags["width"] = (40962, 4)
+    mark = b"II" if order == "<" else b"MM"
+    start, entries, extra = 8 + 2 + 12 + 4, b"", b""
+    place = start + 2 + 12 * len(numbers) + 4
+    for name, (upper, lower) in numbers.items():
+        tag, kind = tags[name]
+        head = struct.pack(f"{order}HHI", tag, kind, 1)
+        if kind == 5:
+            entries += head + struct.pack(f"{order}I", place + len(extra))
+            extra += struct.pack(f"{order}II", upper, lower)
+        elif kind == 3:
+            entries += head + struct.pack(f"{order}HH", upper, 0)
+        else:
+            entries += head + struct.pack(f"{order}I", upper)
+    first = struct.pack(f"{order}HHHII", 1, 34665, 4, 1, start) + bytes(4)
+    header = mark + struct.pack(f"{order}HI", 42, 8)
+    return header + first + struct.pack(f"{order}H", len(numbers)) + entries + bytes(4) + extra
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_exif_states_the_focal_length(order: str) -> None:
+    phone = _exif_with(order, equivalent=(26, 1))
+    assert read_focal_px(phone, 4032, 3024) == pytest.approx(26 / 43.267 * 5040, rel=1e-3)
+    # 50 mm on a sensor of 36 mm with 6000 px, stored at half its size.
+    camera = {"focal": (50, 1), "plane": (60000, 36), "unit": (3, 1), "width": (6000, 1)}
+    expected = 50 * 6000 / 36 / 2
+    assert read_focal_px(_exif_with(order, **camera), 3000, 2000) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "exif",
+    [
+        b"",
+        b"II",
+        b"II*\0\xff\xff\xff\xff",
+        _exif_with("<", equivalent=(0, 1)),
+        _exif_with("<", equivalent=(60000, 1)),
+        _exif_with("<", focal=(50, 0), plane=(1, 0), width=(0, 1)),
+        _exif_with("<", equivalent=(26, 1))[:30],
+    ],
+)
+def test_exif_without_a_focal_length_gives_none(exif: bytes) -> None:
+    assert read_focal_px(exif, 4000, 3000) is None

@@ -65,7 +65,7 @@ def test_a_limit_of_pixels_holds_for_one_command(
 def test_without_depth_the_record_asks_for_depth(run_cli: Cli, model: Path, images: Path) -> None:
     (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model).out)
     assert line["trees"][0]["metres"] is None
-    assert line["trees"][0]["metres_need"] == "need depth: pass --depth and --camera"
+    assert line["trees"][0]["metres_need"].startswith("need depth: pass --depth and --camera;")
     depth = images.parent / "depth" / "a.png"
     (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model, "--depth", depth).out)
     assert line["trees"][0]["metres_need"] == "need the camera: pass --camera"

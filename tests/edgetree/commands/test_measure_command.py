@@ -139,7 +139,7 @@ def test_the_camera_options_are_passed_to_the_measurement(
     options += ("--ground-cover", "0.3,0.05")
     done = run_cli(*IMAGE, "--model", model, *options)
     assert done.code == 0, done.err
-    assert asked["up_camera"] == (0, -1, 0)
+    assert tuple(asked["up_camera"]) == (0, -1, 0)
     np.testing.assert_allclose(asked["mounting"].translation_m, (1.0, 0.0, 2.5))
     assert asked["settings"].max_stump_height_m == 0.2
     assert asked["settings"].ground_cover_m == 0.3
@@ -202,7 +202,10 @@ def test_a_depth_model_detects_in_the_depth_image(
 
 
 BAD_INPUTS = {
-    "no camera": ("images/a.jpg --depth depth/a.png", "Missing option '--camera'"),
+    "no camera": (
+        "images/a.jpg --depth depth/a.png",
+        "--camera is missing: expected the camera file",
+    ),
     "no depth": ("images/a.jpg --camera camera.json", "--depth is missing: expected the depth"),
     "a folder": (
         "images --depth depth --camera camera.json",

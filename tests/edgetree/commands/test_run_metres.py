@@ -121,7 +121,7 @@ def test_without_depth_the_table_asks_for_depth(run_cli: Cli, model: Path, folde
     done = run_cli("run", "images", "--model", model, "--csv", "trees.csv")
     assert done.code == 0, done.err
     assert {row["diameter_failure"] for row in _rows(folder / "trees.csv")} == {
-        "metres need depth: pass --depth and --camera"
+        "metres need depth: pass --depth and --camera; or without depth --camera-height or --marker"
     }
 
 

@@ -245,7 +245,10 @@ def test_camera_and_vertical_of_the_rig_reach_tracker_and_results(detector: Tree
 
 
 MISSING = {
-    "depth": ({"depth_m": None}, "need depth with each frame"),
+    "depth": (
+        {"depth_m": None},
+        "need depth with each frame; or without depth --camera-height or --marker",
+    ),
     "camera": ({"camera": None}, "need the camera: pass --camera"),
 }
 

@@ -107,6 +107,7 @@ def test_records_name_their_units():
         "cut_point_machine_failure": "no mounting of the camera given",
         "evidence": {
             "method": "keypoints",
+            "distance_from": "depth",
             "source_diameters_m": {"keypoints": 0.31},
             "source_std_m": {"keypoints": 0.01},
             "arc_deg": 106.0,

@@ -201,7 +201,9 @@ def test_without_depth_the_report_says_what_is_missing(
     done = run_cli("run", "images", "--model", model, "--report", "r.html")
     assert done.code == 0, done.err
     page = read(folder / "r.html")
-    reason = "metres need depth: pass --depth and --camera"
+    reason = (
+        "metres need depth: pass --depth and --camera; or without depth --camera-height or --marker"
+    )
     assert [cell.text for cell in page.rows[1]] == ["2", "not measured", reason]
     assert all(reason in row["remarks"].text for row in page.trees)
 

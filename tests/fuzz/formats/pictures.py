@@ -19,6 +19,11 @@ _GREY = np.arange(48, dtype=np.uint8).reshape(6, 8)
 _COLOUR = np.dstack([_GREY, _GREY * 2, _GREY * 3])
 _DEPTH = _GREY.astype(np.uint16) * 100
 _EXIF = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
+# A directory that leads to another one, with a 35 mm equivalent of 26 mm.
+_FOCAL = (
+    b"II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0"
+    b"\x01\0\x05\xa4\x03\0\x01\0\0\0\x1a\0\0\0\0\0\0\0"
+)
 _HEADER = b"\x93NUMPY\x01\x00F\x00{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }"
 _TEXTURE_PX = 64
 
@@ -28,9 +33,9 @@ def _encoded(suffix: str, image: np.ndarray, *options: int) -> bytes:
     return data
 
 
-def _turned_jpeg() -> bytes:
+def _jpeg_with(exif: bytes) -> bytes:
     plain = _encoded(".jpg", _COLOUR)
-    segment = b"Exif\0\0" + _EXIF
+    segment = b"Exif\0\0" + exif
     return plain[:2] + b"\xff\xe1" + (len(segment) + 2).to_bytes(2, "big") + segment + plain[2:]
 
 
@@ -43,7 +48,8 @@ _PICTURES = (
     _encoded(".pgm", _GREY),
     b"P2 8 6 255 " + b" ".join(b"%d" % value for value in _GREY.flat) + b"\n",
     b"P4 8 6\n" + bytes(6),
-    _turned_jpeg(),
+    _jpeg_with(_EXIF),
+    _jpeg_with(_FOCAL),
 )
 _DEPTHS = (
     _encoded(".png", _DEPTH),
