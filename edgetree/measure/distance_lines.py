@@ -197,9 +197,10 @@ def best_distance_lines(
     1. Candidates have several slopes and go through several quantiles of the readings. So one of
        them lies on the stem even if most readings belong to an object in front of it.
     2. Count the readings near each candidate, in parts along the stem.
-    3. The candidate with the most of them is the best, less a penalty for its tilt.
-    4. A nearer candidate wins if readings near it lie all along the stem: then the others show the
-       background, as nothing is seen through a stem.
+    3. The candidate with the most of them is the best, less a penalty for its tilt, and
+       for how far the edges are from converging accordingly.
+    4. A candidate that is nearer all along wins if readings near it lie all along the stem: then
+       the others show the background, as nothing is seen through a stem.
 
     Args:
         height_ratio: (T, N) heights, see `InverseDistances`.
@@ -207,6 +208,7 @@ def best_distance_lines(
         used: (T, N) which of them are used.
         noise: (T,) their standard deviations, 1/m.
         lean_std_rad: Standard deviation of a stem's lean.
+        edges: How the stems' edges converge, if it is known.
     """
     height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
     used = used[:, ::_SUPPORT_STEP]

@@ -18,7 +18,6 @@ from edgetree.measure.constants.stems import (
     MAX_CUT_BELOW_GROUND_M,
     MIN_LEAN_STDS,
     SEEN_BEND_SHARE,
-    TAPER_PER_M,
     TAPER_STD_PER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
