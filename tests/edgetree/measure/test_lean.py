@@ -38,24 +38,6 @@ def test_the_bark_of_a_tapering_stem_recedes_but_its_axis_does_not(
     assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.2)
 
 
-def two_layers_m(stand, lower_m, share):
-    """The depth of a stand with something at a distance before the lower share of its stem."""
-    rows = np.flatnonzero((stand.owner == 1).any(1))
-    low = np.arange(len(stand.depth_m))[:, None] > rows.max() - share * len(rows)
-    return np.where((stand.owner == 1) & low, lower_m, stand.depth_m).astype(np.float32)
-
-
-@pytest.mark.parametrize("share", [0.25, 0.35])
-@pytest.mark.parametrize("lower_m", [4.5, 5.0])
-def test_what_stands_before_the_foot_and_the_stem_above_it_make_no_lean(
-    scene, pole, lower_m, share
-):
-    stand = scene(pole(0.3, 0.5, 7.0), camera_height_m=1.5)
-    tree = stand.measure(depth_m=two_layers_m(stand, lower_m, share), settings=None)
-    lean = tree.inclination_deg
-    assert not lean or lean.value < 3 * lean.std
-
-
 def test_upright_stems_have_no_lean_direction(scene, pole):
     upright = scene(pole(0.3, 0.5, 4.0)).measure(settings=None).lean_direction_deg
     assert isinstance(upright, Failure)
