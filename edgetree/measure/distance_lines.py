@@ -10,6 +10,7 @@ import numpy as np
 from basetree.arrays import Bool, Float
 from edgetree.measure.constants.depth import NOISE_PRIOR_READINGS
 from edgetree.measure.constants.stems import STEM_BEND_PER_M
+from edgetree.measure.convergence import Convergence
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.settings import MeasureSettings
 
@@ -184,16 +185,22 @@ def _medians(inverse: Float, used: Bool) -> Float:
 
 
 def best_distance_lines(
-    height_ratio: Float, inverse: Float, used: Bool, noise: Float, lean_std_rad: float
+    height_ratio: Float,
+    inverse: Float,
+    used: Bool,
+    noise: Float,
+    lean_std_rad: float,
+    edges: Convergence | None = None,
 ) -> Float:
     """(T, 2) value and slope of the candidate line with the most readings near it.
 
     1. Candidates have several slopes and go through several quantiles of the readings. So one of
        them lies on the stem even if most readings belong to an object in front of it.
     2. Count the readings near each candidate, in parts along the stem.
-    3. The candidate with the most of them is the best, less a penalty for its tilt.
-    4. A nearer candidate wins if readings near it lie all along the stem: then the others show the
-       background, as nothing is seen through a stem.
+    3. The candidate with the most of them is the best, less a penalty for its tilt, and
+       for how far the edges are from converging accordingly.
+    4. A candidate that is nearer all along wins if readings near it lie all along the stem: then
+       the others show the background, as nothing is seen through a stem.
 
     Args:
         height_ratio: (T, N) heights, see `InverseDistances`.
@@ -201,6 +208,7 @@ def best_distance_lines(
         used: (T, N) which of them are used.
         noise: (T,) their standard deviations, 1/m.
         lean_std_rad: Standard deviation of a stem's lean.
+        edges: How the stems' edges converge, if it is known.
     """
     height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
     used = used[:, ::_SUPPORT_STEP]
@@ -222,19 +230,30 @@ def best_distance_lines(
         2,
     )
     # The penalty of the prior, twice its negative logarithm.
-    penalty = (_TILT_FREEDOM + 1) * np.log1p(_TILT_STDS**2 / _TILT_FREEDOM)
-    support = (near_parts.sum(-1) - penalty[:, None]).reshape(len(count), -1)
+    penalty = _minus_two_log_t(_TILT_STDS**2)[:, None]
+    if edges is not None:
+        penalty = penalty + _minus_two_log_t(edges.squared_misfit(candidates, slopes[..., None]))
+    support = (near_parts.sum(-1) - penalty).reshape(len(count), -1)
     rows = np.arange(len(count))
     best = support.argmax(1)
-    middle = masked_means(height, used)[:, None, None]
-    inverse_there = (candidates + slopes[..., None] * middle).reshape(len(count), -1)
-    clearance = 2 * masked_means(allowed, used)[:, None]
-    nearer = inverse_there > inverse_there[rows, best][:, None] + clearance
+    ends = np.stack(
+        [np.where(used, height, np.inf).min(1), np.where(used, height, -np.inf).max(1)], 1
+    )
+    ends = np.where(np.isfinite(ends), ends, 0.0)[:, None, None]
+    inverse_there = candidates[..., None] + slopes[..., None, None] * ends
+    inverse_there = inverse_there.reshape(len(count), -1, 2)
+    clearance = 2 * masked_means(allowed, used)[:, None, None]
+    nearer = (inverse_there > inverse_there[rows, best][:, None] + clearance).all(-1)
     all_along = (near_parts >= _MIN_NEARER * np.matmul(used, within)[:, None, None]).all(-1)
     nearer &= all_along.reshape(len(count), -1)
     best = np.where(nearer.any(1), np.where(nearer, support, -np.inf).argmax(1), best)
     value = candidates.reshape(len(count), -1)[rows, best]
     return np.stack([value, slopes[rows, best // len(_QUANTILES)]], 1)
+
+
+def _minus_two_log_t(squared: Float) -> Float:
+    """Minus twice the logarithm of Student's t density at squared deviations, 0 at 0."""
+    return np.asarray((_TILT_FREEDOM + 1) * np.log1p(squared / _TILT_FREEDOM))
 
 
 def _parts(count: int) -> Float:

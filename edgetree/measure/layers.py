@@ -109,15 +109,17 @@ def own_readings(
     places = np.maximum(on_stem.sum((1, 2)), 1)
     along = own.any(2).sum(1) / np.maximum(on_stem.any(2).sum(1), 1)
     enough = (own.sum((1, 2)) >= MIN_OWN_SHARE * places) & (along >= MIN_OWN_STATIONS)
-    front_m = _front_m(regions, depth_m, own)[..., None]
     half_px = (edges_px[1] - edges_px[0])[..., None] / 2
-    within_m = half_px * front_m / frame.camera.fx + _noise_m(frame, front_m)
-    nearer = goes_on & (depth_m < front_m - within_m)
+    nearer = np.zeros_like(goes_on)
+    rows = np.flatnonzero(goes_on.any((1, 2)) & enough)
+    if len(rows):
+        front_m = _front_m(regions.stations_px[rows], depth_m[rows], own[rows])[..., None]
+        within_m = half_px[rows] * front_m / frame.camera.fx + _noise_m(frame, front_m)
+        nearer[rows] = goes_on[rows] & (depth_m[rows] < front_m - within_m)
     fills = (beams_px is None) & ((depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places)
-    left_out = enough[:, None, None] & nearer
     through = _seen_through(frame, depth_m, own, goes_on, half_px) >= SEEN_THROUGH_SHARE * places
     plausible = enough | (fills & ~through)
-    return OwnReadings(np.where(left_out, 0.0, depth_m), plausible, ~enough & fills)
+    return OwnReadings(np.where(nearer, 0.0, depth_m), plausible, ~enough & fills)
 
 
 def _seen_through(
@@ -131,9 +133,9 @@ def _seen_through(
     return np.asarray((own & (depth_m > near_m + behind_m)).sum((1, 2)))
 
 
-def _front_m(regions: SearchRegions, depth_m: Float, own: Bool) -> Float:
+def _front_m(stations_px: Float, depth_m: Float, own: Bool) -> Float:
     """(T, S) depths by a straight line of inverse depth through the stem's own readings."""
-    position = np.broadcast_to(regions.stations_px[..., None], own.shape).reshape(len(own), -1)
+    position = np.broadcast_to(stations_px[..., None], own.shape).reshape(len(own), -1)
     inverse = np.where(own, 1 / np.where(own, depth_m, 1.0), 0.0).reshape(position.shape)
     weight = own.reshape(position.shape).astype(np.float64)
     line = np.zeros_like(position)

@@ -18,7 +18,6 @@ from edgetree.measure.constants.stems import (
     MAX_CUT_BELOW_GROUND_M,
     MIN_LEAN_STDS,
     SEEN_BEND_SHARE,
-    TAPER_PER_M,
     TAPER_STD_PER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
@@ -94,7 +93,7 @@ class StemPosition:
         below_m = self._section_parts_m[2] - self._cut_parts_m[2]
         direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
         extended_m = below_m * direction_std / self._slant
-        value = self._range_m + below_m * TAPER_PER_M * self.radius_m / self._slant
+        value = self._range_m
         rig_m = self.rig.std_m(self.cut, self.cut / self._range_m)
         return Estimate(value, math.hypot(self._at_section_std_m, extended_m, rig_m))
 
@@ -116,7 +115,7 @@ class StemPosition:
             bend_rad: Standard deviation of the axis direction along a stem.
         """
         ahead_m, _, level_m = self._section_parts_m
-        value = ahead_m + level_m * TAPER_PER_M * self.radius_m
+        value = ahead_m
         seen_bend_rad = SEEN_BEND_SHARE * bend_rad
         direction_std = math.hypot(
             self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, seen_bend_rad

@@ -114,12 +114,12 @@ class MeasureSettings:
     depth_bias_m: float = 1e-6
     depth_correlation_px: float = 6.0
     outline_doubt: float = 0.5
-    readings_doubt: float = 1.9
+    readings_doubt: float = 1.2
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.02
     curvature_std: float = 0.05
-    bend_std_deg: float = 0.95
+    bend_std_deg: float = 0.6
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3

@@ -16,6 +16,7 @@ from edgetree.measure.constants.depth import (
     MIN_READINGS,
     UNREAD_STD,
 )
+from edgetree.measure.convergence import Convergence
 from edgetree.measure.distance_lines import (
     InverseDistances,
     NormalEquations,
@@ -31,6 +32,8 @@ from edgetree.measure.width import HalfAngle, StemEdges, fuse
 # Repetitions of the fit, until all tilts change by less than this.
 _ITERATIONS = 5
 _CONVERGED_RAD = 3e-3
+# The taper is estimated in so many of them.
+_TAPER_ITERATIONS = 2
 # Rounds of reweighted least squares in the first and in later repetitions.
 _ROUNDS = (3, 2)
 
@@ -130,14 +133,19 @@ def fit_stems(
         settings: Noise of the depth.
     """
     tilt = step = np.zeros(len(readings.depth_m))
-    sections, sources = edges.sections(axes)
+    sections, sources, widths = edges.sections(axes)
     kept: Bool | None = None
     for iteration in range(_ITERATIONS):
         points = _inverse_distances(sections, readings)
         noise = points.noise(settings)
         if kept is None:
             start = best_distance_lines(
-                points.height_ratio, points.inverse, points.used, noise, lean_std_rad
+                points.height_ratio,
+                points.inverse,
+                points.used,
+                noise,
+                lean_std_rad,
+                Convergence.of(widths, edges.distance_m),
             )
         else:
             start = level_distance_lines(points, kept)
@@ -154,14 +162,20 @@ def fit_stems(
         curvature = _curvature(equations, sections.half_rad + equations.solve()[:, 2], settings)
         half, weights = fuse([*sources, curvature])
         lines = equations.solve_line(half.rad - sections.half_rad)
-        found = np.arctan(-lines.value_slope[:, 1] / lines.value_slope[:, 0])
+        value, slope = lines.value_slope.T
+        receding = _receding(points, half.rad)
+        # Later it stays, as it depends on the tilt in turn.
+        if iteration < _TAPER_ITERATIONS:
+            convergence = Convergence.of(widths, edges.distance_m)
+            taper_per_m = convergence.taper_per_m(value, slope, receding)
+        found = np.arctan(-(slope + taper_per_m * receding) / value)
         # For near, thick stems the steps of the tilt alternate in sign and shrink by a constant
         # ratio. The sum of this geometric series is the limit.
         ratio = np.where(step == 0, 0.0, np.clip(found / np.where(step == 0, 1.0, step), -0.9, 0.0))
         step = found / (1 - ratio)
         tilt = tilt + step
-        axis_points = sections.centre / lines.value_slope[:, :1]
-        sections, sources = edges.sections(axes.tilted(np.tan(tilt)), half.rad)
+        axis_points = sections.centre / value[:, None]
+        sections, sources, widths = edges.sections(axes.tilted(np.tan(tilt)), half.rad)
         if np.fmax.reduce(np.abs(step), initial=0.0) < _CONVERGED_RAD:
             break
     distance_m = (axis_points * sections.view_direction).sum(1)
@@ -212,6 +226,15 @@ def _inverse_distances(sections: Sections, readings: Readings) -> InverseDistanc
         depth_m=depth_m,
         used=used,
     )
+
+
+def _receding(points: InverseDistances, half_rad: Float) -> Float:
+    """(T,) by how much a taper of 1 per metre lowers the inverse distance per height ratio.
+
+    The bark of a stem that gets thinner upwards recedes from the camera.
+    """
+    per_rad = points.per_narrowing / np.maximum(points.inverse, 1e-6)
+    return half_rad * masked_means(per_rad, points.used)
 
 
 def _curvature(equations: NormalEquations, rad: Float, settings: MeasureSettings) -> HalfAngle:

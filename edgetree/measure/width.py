@@ -125,7 +125,7 @@ class StemEdges:
 
     def sections(
         self, axes: StemAxes, half_rad: Float | None = None
-    ) -> tuple[Sections, list[HalfAngle]]:
+    ) -> tuple[Sections, list[HalfAngle], MaskWidths]:
         """Cross-sections of the stems.
 
         Args:
@@ -133,7 +133,8 @@ class StemEdges:
             half_rad: (T,) half angles, if known better than from these edges.
 
         Returns:
-            The cross-sections, and the half angles from keypoints and from masks.
+            The cross-sections, the half angles from keypoints and from masks, and the edges of the
+            masks by height.
         """
         bearing, slope = axes.bearing_and_slope(self.section)
         keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(axes))
@@ -145,7 +146,7 @@ class StemEdges:
         half = fused.rad if half_rad is None else half_rad
         middle = weights[0] * bearing.mean(1) + weights[1] * mask_middle
         # The tangent points are at d cos(delta) from the camera and in the plane of the section.
-        return Sections(axes, middle, half, slope * np.cos(half)), sources
+        return Sections(axes, middle, half, slope * np.cos(half)), sources, widths
 
     def _at_section(self, widths: MaskWidths) -> tuple[HalfAngle, Float]:
         """Half angles and bearings of the middle at the sections, by the mask edges.

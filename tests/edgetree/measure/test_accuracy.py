@@ -180,6 +180,7 @@ def test_more_noise_gives_larger_standard_deviations(scene, pole, exact):
     quiet = stand.measure(depth_m=stand.noisy_depth_m(1, 0.001))
     loud = stand.measure(depth_m=stand.noisy_depth_m(1, 0.01))
     assert loud.distance_m.std > 2 * quiet.distance_m.std
+    stand = scene(pole(0.3, 0.5, 6.0, 10.0, 0.0))
     bare = replace(stand.detections(), masks=None)
     blurred = stand.measure(bare, settings=replace(exact, keypoint_std_px=3.0))
     sharp = stand.measure(bare)

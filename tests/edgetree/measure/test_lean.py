@@ -26,6 +26,18 @@ def test_the_direction_is_seen_from_above(scene, pole, towards_deg, expected_deg
     assert tree.inclination_deg.value == pytest.approx(12.0, abs=0.3)
 
 
+@pytest.mark.parametrize("diameter_m", [0.15, 0.3, 0.5])
+@pytest.mark.parametrize("taper", [0.0, 0.04, 0.07, 0.1])
+def test_the_bark_of_a_tapering_stem_recedes_but_its_axis_does_not(
+    scene, pole, exact, diameter_m, taper
+):
+    """The edges of the mask tell the taper."""
+    stand = scene(pole(diameter_m, 0.3, 4.0, taper=taper * diameter_m))
+    trees = stand.detections(stand.masks())
+    tree = stand.measure(trees, masks=stand.masks(), settings=exact)
+    assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.2)
+
+
 def test_upright_stems_have_no_lean_direction(scene, pole):
     upright = scene(pole(0.3, 0.5, 4.0)).measure(settings=None).lean_direction_deg
     assert isinstance(upright, Failure)

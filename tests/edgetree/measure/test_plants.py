@@ -101,7 +101,7 @@ def test_closed_grass_makes_heights_doubtful_from_afar(
     scene, pole, grass, small_camera, ahead_m, slope_deg
 ):
     """Where no gaps show the ground, and the noise of the depth hides how rough the grass is."""
-    stem = pole(0.3, 0.1, ahead_m, cut_m=0.35, section_m=0.5)
+    stem = pole(0.3, 0.1, ahead_m, cut_m=0.35, section_m=0.5, taper=0.02)
     stand = scene(
         stem,
         camera=small_camera,
@@ -113,7 +113,7 @@ def test_closed_grass_makes_heights_doubtful_from_afar(
     )
     height = measured(stand, seed=4).cut_height_m
     if not isinstance(height, Failure):
-        assert abs(height.value - stand.cut_height_m(stem)) < 1.7 * height.std
+        assert abs(height.value - stand.cut_height_m(stem)) < 2.0 * height.std
 
 
 def white_noise_depth_m(stand, noise_per_m):
@@ -128,7 +128,7 @@ def white_noise_depth_m(stand, noise_per_m):
 def test_noise_of_the_camera_is_not_taken_for_plants(
     scene, pole, small_camera, noise_per_m, ahead_m, slope_deg
 ):
-    stem = pole(0.3, 0.1, ahead_m)
+    stem = pole(0.3, 0.1, ahead_m, taper=0.02)
     stand = scene(
         stem, camera=small_camera, camera_height_m=2.3, pitch_deg=22.0, slope_deg=slope_deg
     )

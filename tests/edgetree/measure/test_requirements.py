@@ -10,6 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from edgetree.measure.constants.stems import TAPER_PER_M
+
 # Diameter and distance in m, column and row of the section in px; lean and its direction, slope and
 # uphill direction in degrees.
 CORNERS = [
@@ -82,7 +84,9 @@ def test_keypoints_and_depth_give_the_diameter_and_the_cut(standing, exact, posi
     tree = stand.measure(settings=replace(exact, keypoint_std_px=0.02))
     assert tree.diameter_m.value == pytest.approx(stem.diameter_m, rel=0.005)
     assert tree.cut_height_m.value == pytest.approx(stand.cut_height_m(stem), abs=0.01)
-    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=0.2)
+    # The keypoints do not tell that a pole has no taper, by which the bark of stems recedes.
+    recedes_deg = np.degrees(TAPER_PER_M * stem.diameter_m / 2)
+    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=0.2 + recedes_deg)
     assert tree.cut_point_m.xyz_m == pytest.approx(stand.cut_point(stem), abs=0.012)
 
 

@@ -80,7 +80,7 @@ def test_an_uncertain_vertical_is_an_error_of_the_lean(stand, sure):
     share = added(tree.inclination_deg.std, sure.inclination_deg.std)
     assert share == pytest.approx(2.0, rel=0.05)
     assert tree.cut_height_m.std > sure.cut_height_m.std
-    assert tree.distance_m.std == pytest.approx(sure.distance_m.std, rel=0.02)
+    assert tree.distance_m.std == pytest.approx(sure.distance_m.std, rel=0.05)
 
 
 def test_an_uncertain_mounting_turns_points_about_the_camera(stand, sure):
