@@ -112,7 +112,7 @@ def _unplaced(view: View, up: Float | None) -> PlacedFrame:
     frame = view.frame
     observed = observe_stems(frame, view.boxes_px, view.keypoints)
     axes, roll_std_rad, lean_std_rad = axes_in_image(frame, observed, up)
-    sections, sources = observed.edges.sections(axes)
+    sections, sources, _ = observed.edges.sections(axes)
     ones = np.ones(len(view.indices))
     stems = seen_only(observed, sections, sources, ones, lean_std_rad * ones)
     return PlacedFrame(
