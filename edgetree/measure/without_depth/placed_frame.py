@@ -138,7 +138,7 @@ class PlacedFrame(FittedFrame):
         distance_m = np.where(known, placement.distance_m, 1.0)
         edges = replace(self.observed.edges, distance_m=distance_m)
         observed = replace(self.observed, edges=edges)
-        sections, sources = edges.sections(self.stems.sections.axes)
+        sections, sources, _ = edges.sections(self.stems.sections.axes)
         frame = replace(self, observed=observed, placement=placement)
         stems = seen_only(observed, sections, sources, distance_m, self.stems.tilt_std_rad)
         frame = replace(frame, stems=stems)
