@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from edgetree.measure.constants.depth import SURFACE_M, SURFACE_STDS
 from edgetree.measure.constants.outlines import (
     MIN_INSET_PX,
@@ -15,7 +16,8 @@ from edgetree.measure.constants.outlines import (
     RAMP_END,
 )
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
-from edgetree.measure.edge_lines import masked_medians, pick
+from edgetree.measure.drawn_edges import UNKNOWN, DrawnEdges, beside, drawn_edges
+from edgetree.measure.edge_lines import fit_lines, masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.layers import own_readings
 from edgetree.measure.regions import OUTWARDS, SearchRegions
@@ -33,6 +35,14 @@ _MIN_ON_STEM = 0.75
 _MIN_STATIONS, _MIN_SHARE = 4, 0.25
 # The width of ramps is the median of at least so many in a frame.
 _MIN_RAMPS = 12
+# Around the end of a surface, readings are looked at one by one: from so many inside it to so many
+# outside, where the background shows again.
+_READINGS_INSIDE, _READINGS_OUTSIDE = 2, 6
+_AROUND = np.arange(-_READINGS_INSIDE, _READINGS_OUTSIDE + 1)
+# A reading that is nearer than this share of the way to the background is of both surfaces.
+_MIXED_SHARE = 0.75
+# Standard deviation of a normal distribution per median of its absolute values.
+_STD_PER_MEDIAN = 1.4826
 
 
 class DepthEdges(NamedTuple):
@@ -46,16 +56,20 @@ class DepthEdges(NamedTuple):
         behind: (2, T, S) whether the reading beside it is behind the stem.
         median_px: (2, T) median of the known `inset_px`; 0 where the edges of mask and depth agree,
             or too few are known.
+        enough: (2, T) whether enough of them are known.
         shift_px: (T,) how far the depth lies to the right of the mask, across the stem.
         ramp_px: Width of the ramp in the depth at the edges of the frame's stems; 0 for steps.
+        drawn: How the camera draws edges.
     """
 
     inset_px: Float
     known: Bool
     behind: Bool
     median_px: Float
+    enough: Bool
     shift_px: Float
     ramp_px: float
+    drawn: DrawnEdges
 
 
 def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
@@ -124,7 +138,9 @@ def find_depth_edges(
     ramp = read & ~inner
     middle_m = (beside_m + radius_m / 2) / 2
     outer_half = (ramp & (behind_m < middle_m[..., None])).sum(-1)
-    inset_px = (index - outer_half - _STEPS_OUTSIDE - 0.5) * step_px[:, None]
+    end_px = (index - _STEPS_OUTSIDE) * step_px[:, None]
+    ends = _ends(frame, regions, edges_px - OUTWARDS * end_px, depth_m, reach_m, step_px)
+    inset_px = end_px - outer_half * step_px[:, None] - ends.outwards_px
     enough = known.sum(2) >= np.maximum(_MIN_STATIONS, _MIN_SHARE * found.sum(2))
     shift_px = _shifts_px(masked_medians(inset_px, known), enough)
     inset_px = inset_px + OUTWARDS * shift_px[:, None]
@@ -141,8 +157,80 @@ def find_depth_edges(
         known=known,
         behind=behind,
         median_px=np.where(inside, median_px, 0.0),
+        enough=enough,
         shift_px=shift_px,
         ramp_px=ramp_px if ramp_px >= MIN_RAMP_PX else 0.0,
+        drawn=drawn_edges(
+            np.where(known, ends.beside, UNKNOWN),
+            _roughness_px(regions, OUTWARDS * edges_px - inset_px, known, step_px),
+            frame.steps,
+        ),
+    )
+
+
+def _roughness_px(
+    regions: SearchRegions, outward_px: Float, known: Bool, step_px: Float
+) -> float:
+    """Standard deviation of the ends of surfaces about straight lines, from its median.
+
+    Args:
+        regions: Search regions.
+        outward_px: (2, T, S) ends of the surfaces, outwards from the centre line.
+        known: (2, T, S) which are known.
+        step_px: (T,) how finely they were searched for; coarsely searched ones do not count.
+    """
+    known = known & (step_px <= _READINGS_INSIDE)[:, None]
+    ends_px = np.where(known, outward_px, 0.0)
+    value, slope = fit_lines(regions.stations_px, ends_px, known.astype(np.float64))
+    off_px = np.abs(ends_px - value[..., None] - slope[..., None] * regions.stations_px)[known]
+    return float(np.median(off_px)) * _STD_PER_MEDIAN if len(off_px) >= _MIN_RAMPS else math.nan
+
+
+class _Ends(NamedTuple):
+    """The ends of surfaces, reading by reading.
+
+    Attributes:
+        outwards_px: (2, T, S) distance of the end outwards from where a coarse search found it.
+        beside: (2, T, S) what is beside it, of `drawn_edges.BESIDE`.
+    """
+
+    outwards_px: Float
+    beside: Index
+
+
+def _ends(
+    frame: DepthFrame,
+    regions: SearchRegions,
+    across_px: Float,
+    depth_m: Float,
+    reach_m: Float,
+    step_px: Float,
+) -> _Ends:
+    """Look at the readings around the ends of surfaces one by one.
+
+    Args:
+        frame: Depth and camera.
+        regions: Search regions.
+        across_px: (2, T, S) outermost places on the surfaces.
+        depth_m: (T, S) depth of the front of the stems.
+        reach_m: (T, S, 1) readings on the stems differ from it by so much.
+        step_px: (T,) distance of the places of the coarse search.
+    """
+    unit_px = np.maximum(step_px / _READINGS_INSIDE, frame.steps.side_px)[:, None, None]
+    outwards_px = OUTWARDS[..., None] * unit_px * _AROUND
+    read_m = frame.depth_at(regions.points(across_px[..., None] + outwards_px))
+    behind_m, read = read_m - depth_m[..., None], read_m > 0
+    on_stem = read & (np.abs(behind_m) <= reach_m) & (_AROUND <= _READINGS_INSIDE)
+    end = len(_AROUND) - 1 - on_stem[..., ::-1].argmax(-1)
+    beyond = read & (np.arange(len(_AROUND)) > end[..., None])
+    first, last = beyond.argmax(-1), len(_AROUND) - 1 - read[..., ::-1].argmax(-1)
+    background_m = pick(behind_m, last)
+    seen = beyond.any(-1) & (background_m > reach_m[..., 0])
+    # A surface at that distance would go on.
+    mixed = read & (behind_m < _MIXED_SHARE * background_m[..., None])
+    single = pick(mixed, first) & ~pick(mixed, np.minimum(first + 1, len(_AROUND) - 1))
+    return _Ends(
+        (end - _READINGS_INSIDE + 0.5) * unit_px[..., 0], beside(first - end - 1, single, seen)
     )
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from basetree.arrays import Bool, Float, Float32, Index
 from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
+from edgetree.measure.depth_steps import DepthSteps, depth_steps
 from edgetree.measure.rig_uncertainty import NO_ERRORS, RigErrors
-from edgetree.measure.settings import MeasureSettings, reference_px
+from edgetree.measure.settings import MeasureSettings, network_std_px
 
 # OpenCV samples at most 32,766 points in a row.
 _MAX_POINTS = 30_000
@@ -116,6 +117,11 @@ class DepthFrame:
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
         return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
 
+    @cached_property
+    def steps(self) -> DepthSteps:
+        """The steps of the depth."""
+        return depth_steps(self.depth_m)
+
     @property
     def limits_px(self) -> tuple[Float, Float]:
         """(2,) lowest and (2,) highest place in the image at which it has pixels."""
@@ -205,7 +211,7 @@ class DepthFrame:
         cells = np.array([mask.cell_px for mask in self.masks or ()])
         if self.masks_given:
             return np.full_like(cells, self.settings.given_mask_std_px)
-        smallest = self.settings.mask_std_px * reference_px(self.camera.width)
+        smallest = network_std_px(self.settings.mask_std_px, self.camera.width)
         return np.hypot(smallest, self.settings.mask_spread * cells)
 
     def rays(self, xy_px: Float) -> Float:

@@ -19,7 +19,7 @@ from edgetree.measure.constants.outlines import (
     REACHES_SIDE_SHARE,
     UNSEEN_SCORE,
 )
-from edgetree.measure.settings import MeasureSettings, reference_px
+from edgetree.measure.settings import MeasureSettings, network_std_px, reference_px
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
@@ -76,7 +76,7 @@ class Keypoints:
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
-        std_px = np.hypot(settings.keypoint_std_px * reference_px(trees.image_width), spread)
+        std_px = np.hypot(network_std_px(settings.keypoint_std_px, trees.image_width), spread)
         clipped = _clipped_by_side(trees, values[:, [LEFT, RIGHT], 2])
         std_px[..., 0] = np.hypot(std_px[..., 0], _near_side_std_px(trees, values, clipped))
         given = (values[..., 2] > 0) & near

@@ -184,7 +184,11 @@ def _edges(
     count = len(depth_m)
     has = keypoints.has_section[:, None, None]
     middle = _section_from_mask(regions, outline, keypoints)
-    section_px = np.where(has, keypoints.xy_px[:, [LEFT, RIGHT]], middle[:, None])
+    edges_px = keypoints.xy_px[:, [LEFT, RIGHT]]
+    if outline is not None:
+        inwards_px = OUTWARDS[:, 0] * outline.keypoints_inwards_px
+        edges_px = edges_px - inwards_px * regions.across[:, None]
+    section_px = np.where(has, edges_px, middle[:, None])
     section = frame.rays(section_px)
     std_px = np.hypot(keypoints.std_px[:, LEFT, 0], keypoints.std_px[:, RIGHT, 0]) / np.sqrt(2)
     sides: Float = np.ones((2, count, STATIONS, 3))

@@ -18,6 +18,7 @@ from edgetree.measure.constants.outlines import (
 )
 from edgetree.measure.depth_edges import find_depth_edges, front_depth_m
 from edgetree.measure.edge_lines import OuterLines, fit_lines, outer_lines
+from edgetree.measure.edge_offsets import edge_offsets
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.mask_edges import coarse_edges, fine_edges, realigned
@@ -41,6 +42,7 @@ class Outline:
         depth_shift_px: (T,) how far the depth lies to the right of the mask; 0 below
             `MIN_INSET_PX`.
         depth_ramp_px: Width of the ramp in the depth at the edges of the stems; 0 for steps.
+        keypoints_inwards_px: How far keypoints of edges lie outside of the edges.
     """
 
     regions: SearchRegions
@@ -50,6 +52,7 @@ class Outline:
     std_px: Float
     depth_shift_px: Float
     depth_ramp_px: float
+    keypoints_inwards_px: float
 
     @property
     def smoothed_away(self) -> Bool:
@@ -105,15 +108,21 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
     found = np.where(moves[..., None], depth.known, found)
     edges_px -= OUTWARDS * np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
+    mask_std_px, keypoints_inwards_px = frame.mask_std_px(), 0.0
+    if not frame.masks_given:
+        offsets = edge_offsets(regions, depth, mask_std_px)
+        edges_px -= OUTWARDS * np.where(moves[..., None], 0.0, offsets.inwards_px)
+        mask_std_px = np.sqrt((offsets.std_px**2).mean(0))
+        keypoints_inwards_px = offsets.common_px
     lines = outer_lines(regions, edges_px, found, depth.behind)
     inside_px = np.where(moves, 0.0, depth.median_px)
     contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
-    std_px = np.hypot(frame.mask_std_px(), np.hypot(inside_px, contradiction_px).max(0))
+    std_px = np.hypot(mask_std_px, np.hypot(inside_px, contradiction_px).max(0))
     # Where edges come from the depth, they may be anywhere in its ramp (the deviation of an even
     # spread). Background that a filter grows into the stem looks like a mask that is too wide, so
     # edges that are moved have the depth's own error, the same on both sides.
     moved = moves.any(0)
-    ramp_px = np.where(moved | (not frame.masks_given), depth.ramp_px / np.sqrt(12), 0.0)
+    ramp_px = np.where(moved, depth.ramp_px / np.sqrt(12), 0.0)
     std_px = np.hypot(std_px, np.hypot(ramp_px, np.where(moved, np.sqrt(2) * MIN_INSET_PX, 0.0)))
     shift_px = np.where(np.abs(depth.shift_px) >= MIN_INSET_PX, depth.shift_px, 0.0)
     return Outline(
@@ -124,6 +133,7 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
         std_px=std_px,
         depth_shift_px=shift_px,
         depth_ramp_px=depth.ramp_px,
+        keypoints_inwards_px=keypoints_inwards_px,
     )
 
 

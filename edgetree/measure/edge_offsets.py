@@ -1,0 +1,86 @@
+"""How far the edges of a network's masks are from those in the depth image.
+
+Where a network puts an edge depends on how the cameras of its training drew it. So the edges of all
+masks and keypoints of a frame share an offset, which the depth image tells, and each mask adds its own.
+The mask says where to look; the depth image decides, as far as its edges are better known.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from basetree.arrays import Float
+from edgetree.measure.constants.edges import STATIONS_PER_END
+from edgetree.measure.depth_edges import DepthEdges
+from edgetree.measure.edge_lines import fit_lines, masked_medians
+from edgetree.measure.regions import SearchRegions
+
+# Rounds of reweighted least squares, and the standard deviation of a normal distribution per median
+# of its absolute values.
+_ROUNDS = 2
+_STD_PER_MEDIAN = 1.4826
+
+
+class EdgeOffsets(NamedTuple):
+    """Corrections of the edges of T masks.
+
+    Attributes:
+        inwards_px: (2, T, S) how far to move the left and right edges inwards.
+        std_px: (2, T) standard deviation of an edge after that.
+        common_px: How far to move edges by keypoints inwards.
+    """
+
+    inwards_px: Float
+    std_px: Float
+    common_px: float
+
+
+def edge_offsets(regions: SearchRegions, depth: DepthEdges, mask_std_px: Float) -> EdgeOffsets:
+    """Weigh the edges of masks and of the depth by their variances.
+
+    Straight lines along each side of a stem are fitted to the offsets of its stations. Sides that
+    show too few edges in the depth have the offset that the frame's other sides share, and keep the
+    error of the mask.
+
+    Args:
+        regions: Search regions.
+        depth: Edges in the depth.
+        mask_std_px: (T,) standard deviations of the masks' edges.
+    """
+    offset_px = np.where(depth.known, depth.inset_px + depth.drawn.outwards_px, 0.0)
+    line_px, line_std_px = _lines(regions, offset_px, depth)
+    shared_std_px = math.hypot(depth.drawn.std_px, depth.ramp_px / math.sqrt(12))
+    side_px = np.median(line_px, axis=2)[depth.enough]
+    if not len(side_px):
+        still = np.zeros(depth.inset_px.shape)
+        return EdgeOffsets(still, np.broadcast_to(mask_std_px, still.shape[:2]), 0.0)
+    middle_px = float(np.median(side_px))
+    spread_px = _STD_PER_MEDIAN * float(np.median(np.abs(side_px - middle_px)))
+    common_std_px = math.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
+    trust = mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
+    common_px = trust * middle_px
+    own_std_px = np.hypot(shared_std_px, line_std_px)
+    own = np.where(depth.enough, mask_std_px**2 / (mask_std_px**2 + own_std_px**2), 0.0)
+    std_px = mask_std_px * np.sqrt(1 - own)
+    own = own[..., None]
+    inwards_px = own * line_px + (1 - own) * common_px[:, None]
+    return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))
+
+
+def _lines(regions: SearchRegions, offset_px: Float, depth: DepthEdges) -> tuple[Float, Float]:
+    """(2, T, S) robust lines through the offsets, and (2, T) the standard deviation of their values."""
+    weight = depth.known.astype(np.float64)
+    line_px = np.broadcast_to(masked_medians(offset_px, depth.known)[..., None], offset_px.shape)
+    scatter_px: Float = np.ones(offset_px.shape[:2])
+    for _ in range(_ROUNDS):
+        off_px = np.abs(offset_px - line_px)
+        scatter_px = _STD_PER_MEDIAN * masked_medians(off_px, depth.known)
+        tolerance_px = 3 * np.maximum(scatter_px, 0.5)[..., None]
+        weight = depth.known * np.maximum(1 - (off_px / tolerance_px) ** 2, 0.0) ** 2
+        value, slope = fit_lines(regions.stations_px, offset_px, weight)
+        line_px = value[..., None] + slope[..., None] * regions.stations_px
+    count = np.maximum(weight.sum(2) / STATIONS_PER_END, 1.0)
+    return line_px, np.maximum(scatter_px, 0.5) / np.sqrt(count)
