@@ -14,7 +14,7 @@ import numpy as np
 from basetree.arrays import Bool, Float, Float32
 from benchmarks.sensors.views import Readings, View, readings
 from calib import PinholeCamera, project_points, read_depth
-from edgetree.measure import Estimate, Failure, StemProfile, TreeMeasurement
+from edgetree.measure import Estimate, Failure, StemProfile
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 PORTRAIT_M = 0.466
@@ -59,7 +59,7 @@ def scan(ground: bool) -> Iterator[View]:
             camera=_camera(folder, "camera"),
             up=np.array(frame["up_camera"]),
             places_px=[np.array(stem["breast_height_px"]) for stem in frame["stems"]],
-            truths=[stem for stem in frame["stems"]],
+            truths=list(frame["stems"]),
         )
 
 
@@ -73,9 +73,7 @@ def scan_readings(view: View, source: str) -> Readings:
             yield tree, truth
 
 
-def _at_place(
-    profile: StemProfile, camera: PinholeCamera, place_px: Float
-) -> Estimate | Failure:
+def _at_place(profile: StemProfile, camera: PinholeCamera, place_px: Float) -> Estimate | Failure:
     """The diameter of a profile at a row of the picture."""
     rows = project_points(camera, profile.edges_m.mean(1))[:, 1]
     order = np.argsort(rows)

@@ -168,9 +168,7 @@ def find_depth_edges(
     )
 
 
-def _roughness_px(
-    regions: SearchRegions, outward_px: Float, known: Bool, step_px: Float
-) -> float:
+def _roughness_px(regions: SearchRegions, outward_px: Float, known: Bool, step_px: Float) -> float:
     """Standard deviation of the ends of surfaces about straight lines, from its median.
 
     Args:
@@ -229,9 +227,20 @@ def _ends(
     # A surface at that distance would go on.
     mixed = read & (behind_m < _MIXED_SHARE * background_m[..., None])
     single = pick(mixed, first) & ~pick(mixed, np.minimum(first + 1, len(_AROUND) - 1))
-    return _Ends(
-        (end - _READINGS_INSIDE + 0.5) * unit_px[..., 0], beside(first - end - 1, single, seen)
-    )
+    # The last reading is that of its whole pixel, or square of pixels.
+    end_px = across_px + pick(np.broadcast_to(outwards_px, read.shape), end)
+    moved_px = OUTWARDS * (_reading_middles(frame, regions, end_px) - across_px)
+    return _Ends(moved_px + unit_px[..., 0] / 2, beside(first - end - 1, single, seen))
+
+
+def _reading_middles(frame: DepthFrame, regions: SearchRegions, across_px: Float) -> Float:
+    """Places (2, T, S) across the regions of the middles of the readings at other places there."""
+    if frame.rotation is not None:
+        return across_px
+    side_px = frame.steps.side_px
+    xy_px = regions.points(across_px[..., None])[..., 0, :]
+    middle_px = (np.floor(xy_px / side_px) + 0.5) * side_px
+    return across_px + np.vecdot(middle_px - xy_px, regions.across[:, None])
 
 
 def _shifts_px(median_px: Float, enough: Bool) -> Float:

@@ -1,4 +1,4 @@
-"""The steps of a depth image: how many pixels share a reading, and whether it steps as disparities."""
+"""The steps of a depth image: the pixels that share a reading, and those of disparities."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _MAX_SIDE, _MIN_CHANGES, _AT_SIDES = 4, 100, 0.98
 _RANGES_MM = np.unique(np.rint(1000 * 1.08 ** np.arange(36)).astype(np.intp))
 # The step of a range is known if a value in it is so common, in the mean.
 _MIN_COUNT, _MIN_VALUES = 4, 2
-# Steps of disparities grow with the square of the depth: this power or more, in so many ranges. They
-# are told from those of the file format if they are so large, in mm.
+# Steps of disparities grow with the square of the depth: this power or more, in so many ranges.
+# They are told from those of the file format if they are so large, in mm.
 _MIN_POWER, _MIN_RANGES, _MIN_STEP_MM = 1.4, 8, 4.0
 
 

@@ -3,9 +3,11 @@
 - Exact depth and point clouds: the background follows the surface at once.
 - Time of flight: a reading at an edge sees both surfaces. It is lost, or lies between them, on both
   sides of a stem alike, and the surface ends a little too early.
-- Stereo: windows at an edge match the nearer surface, which so extends outwards. One of the two cameras
-  does not see the background beside a stem, so more readings are missing on one side. Many have
-  steps of disparities, which grow with the square of the depth.
+- Stereo: windows at an edge match the nearer surface, which so extends outwards. One of the two
+  cameras does not see the background beside a stem, so more readings are missing on one side. Many
+  have steps of disparities, which grow with the square of the depth.
+- Filled depth, as of projected point clouds and of filters that fill holes: there are no gaps, but
+  edges are rough, and surfaces extend outwards.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ import numpy as np
 from basetree.arrays import Bool, Float, Index
 from edgetree.measure.constants.edges import (
     EXACT_STD,
+    FILLED_OUTWARDS,
+    FILLED_STD,
     GROWN_BY_SQUARES,
     STEREO_OUTWARDS,
     STEREO_STD,
@@ -30,17 +34,22 @@ from edgetree.measure.depth_steps import DepthSteps
 _SHORT_GAP = 2
 
 AT_ONCE, GAP, SHADOW, MIXED, UNKNOWN = range(5)
-"""What follows a surface: the background, a short or a long gap and then the background, a reading of
-both, or nothing that is near."""
+"""What follows a surface: the background, a short or a long gap and then the background, a reading
+of both, or nothing that is near."""
 
+# A gap of sky is beside a stem along much of its length, so its stations count less.
+_COUNTS_AS = np.array([1.0, 1.0, 0.25, 1.0])
 # Parameters of Dirichlet distributions for the shares of the first four of these.
 _EXACT = np.array([40.0, 0.5, 3.0, 0.5])
 _TOF = np.array([5.0, 1.5, 0.6, 1.0])
+_FILLED = np.array([8.0, 0.1, 0.3, 1.2])
 _STEREO_SEEN = np.array([8.0, 1.0, 0.3, 0.4])
 _STEREO_HIDDEN = np.array([2.0, 2.0, 2.0, 0.4])
-# Mean and standard deviation of the roughness of edges of exact and of other depth, in readings, and
-# the most that it counts.
-_SMOOTH, _ROUGH, _MOST_SMOOTH = (0.37, 0.1), (0.68, 0.15), 5.0
+# How likely exact depth, time of flight, stereo and filled depth are before looking.
+_PRIOR = np.array([0.5, 0.23, 0.23, 0.04])
+# Mean and standard deviation of the roughness of edges of exact and of other depth, in readings,
+# and the most that it counts.
+_SMOOTH, _ROUGH, _MOST_SMOOTH = (0.34, 0.09), (0.65, 0.12), 5.0
 # Logarithms of how much likelier stereo is with steps of disparities, and the others without.
 _LOG_STEPS, _LOG_NO_STEPS = 8.0, 3.0
 
@@ -83,7 +92,9 @@ def drawn_edges(beside: Index, roughness_px: float, steps: DepthSteps) -> DrawnE
         steps: The steps of the depth.
     """
     side_px = steps.side_px
-    left, right = (np.bincount(side.ravel(), minlength=UNKNOWN)[:UNKNOWN] for side in beside)
+    left, right = (
+        np.bincount(side.ravel(), minlength=UNKNOWN)[:UNKNOWN] * _COUNTS_AS for side in beside
+    )
     shadows = [
         _log_likelihood(hidden, _STEREO_HIDDEN) + _log_likelihood(open_, _STEREO_SEEN)
         for hidden, open_ in ((left, right), (right, left))
@@ -93,15 +104,18 @@ def drawn_edges(beside: Index, roughness_px: float, steps: DepthSteps) -> DrawnE
             _log_likelihood(left + right, _EXACT),
             _log_likelihood(left + right, _TOF),
             np.logaddexp(*shadows) - math.log(2),
+            _log_likelihood(left + right, _FILLED),
         ]
     )
+    evidence += np.log(_PRIOR)
     evidence[0] += _log_smooth(roughness_px / side_px)
     evidence[2] += _LOG_STEPS if steps.of_disparities else -_LOG_NO_STEPS
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
     grown_px = GROWN_BY_SQUARES * (side_px - 1)
-    outwards_px = side_px * np.array([0.0, TOF_OUTWARDS, STEREO_OUTWARDS]) + grown_px
-    std_px = side_px * np.array([EXACT_STD, TOF_STD, STEREO_STD])
+    outwards_px = side_px * np.array([0.0, TOF_OUTWARDS, STEREO_OUTWARDS, FILLED_OUTWARDS])
+    outwards_px += grown_px
+    std_px = side_px * np.array([EXACT_STD, TOF_STD, STEREO_STD, FILLED_STD])
     mean_px = float(weight @ outwards_px)
     variance = float(weight @ (std_px**2 + (outwards_px - mean_px) ** 2))
     return DrawnEdges(mean_px, math.sqrt(variance))
@@ -121,7 +135,7 @@ def _log_smooth(roughness: float) -> float:
     return float(np.clip(smooth - rough, -_MOST_SMOOTH, _MOST_SMOOTH))
 
 
-def _log_likelihood(counts: Index, prior: Float) -> float:
+def _log_likelihood(counts: Float, prior: Float) -> float:
     """Of counts under a Dirichlet distribution of their shares, but for their number of orders."""
     after = counts + prior
     single = sum(map(math.lgamma, after.tolist())) - sum(map(math.lgamma, prior.tolist()))

@@ -1,8 +1,8 @@
 """How far the edges of a network's masks are from those in the depth image.
 
 Where a network puts an edge depends on how the cameras of its training drew it. So the edges of all
-masks and keypoints of a frame share an offset, which the depth image tells, and each mask adds its own.
-The mask says where to look; the depth image decides, as far as its edges are better known.
+masks and keypoints of a frame share an offset, which the depth image tells, and each mask adds its
+own. The mask says where to look; the depth image decides, as far as its edges are better known.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from basetree.arrays import Float
 from edgetree.measure.constants.edges import STATIONS_PER_END
 from edgetree.measure.depth_edges import DepthEdges
+from edgetree.measure.drawn_edges import DrawnEdges
 from edgetree.measure.edge_lines import fit_lines, masked_medians
 from edgetree.measure.regions import SearchRegions
 
@@ -50,28 +51,31 @@ def edge_offsets(regions: SearchRegions, depth: DepthEdges, mask_std_px: Float) 
         depth: Edges in the depth.
         mask_std_px: (T,) standard deviations of the masks' edges.
     """
-    offset_px = np.where(depth.known, depth.inset_px + depth.drawn.outwards_px, 0.0)
+    # The middle of a ramp is the edge, anywhere in the ramp (the deviation of an even spread).
+    drawn = depth.drawn if depth.ramp_px == 0 else DrawnEdges(0.0, depth.ramp_px / math.sqrt(12))
+    offset_px = np.where(depth.known, depth.inset_px + drawn.outwards_px, 0.0)
     line_px, line_std_px = _lines(regions, offset_px, depth)
-    shared_std_px = math.hypot(depth.drawn.std_px, depth.ramp_px / math.sqrt(12))
+    shared_std_px = np.hypot(drawn.std_px, depth.shift_px / 2)
     side_px = np.median(line_px, axis=2)[depth.enough]
     if not len(side_px):
         still = np.zeros(depth.inset_px.shape)
         return EdgeOffsets(still, np.broadcast_to(mask_std_px, still.shape[:2]), 0.0)
     middle_px = float(np.median(side_px))
     spread_px = _STD_PER_MEDIAN * float(np.median(np.abs(side_px - middle_px)))
-    common_std_px = math.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
+    common_std_px = np.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
     trust = mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
     common_px = trust * middle_px
     own_std_px = np.hypot(shared_std_px, line_std_px)
     own = np.where(depth.enough, mask_std_px**2 / (mask_std_px**2 + own_std_px**2), 0.0)
-    std_px = mask_std_px * np.sqrt(1 - own)
+    # Errors that both edges of a stem share count twice in its width.
+    std_px = np.hypot(mask_std_px * np.sqrt(1 - own), np.sqrt(own) * shared_std_px)
     own = own[..., None]
     inwards_px = own * line_px + (1 - own) * common_px[:, None]
     return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))
 
 
 def _lines(regions: SearchRegions, offset_px: Float, depth: DepthEdges) -> tuple[Float, Float]:
-    """(2, T, S) robust lines through the offsets, and (2, T) the standard deviation of their values."""
+    """(2, T, S) robust lines through the offsets, and (2, T) the standard deviations of these."""
     weight = depth.known.astype(np.float64)
     line_px = np.broadcast_to(masked_medians(offset_px, depth.known)[..., None], offset_px.shape)
     scatter_px: Float = np.ones(offset_px.shape[:2])

@@ -14,6 +14,7 @@ from edgetree.measure.constants.outlines import (
     BORDER_KEYPOINT_STDS,
     CLIPPED_GAP_PX,
     LOWER_SIDE_PX,
+    MIN_LOWER_SIDE_PX,
     NEAR_SIDE_STD,
     NEAR_SIDE_WIDTHS,
     REACHES_SIDE_SHARE,
@@ -90,7 +91,11 @@ class Keypoints:
         doubtful = given[:, CUT] & (above_border_px > 0) & reaches_border
         doubtful &= above_border_px < BORDER_KEYPOINT_STDS * cut_std_px
         within[:, CUT] &= ~doubtful
-        lower_side_px = LOWER_SIDE_PX * reference_px(trees.image_width)
+        # Where the lower side cuts a stem off, edge keypoints that are not seen are anywhere on it.
+        lower_side_px = max(LOWER_SIDE_PX * reference_px(trees.image_width), MIN_LOWER_SIDE_PX)
+        reaches_lower_side = trees.boxes_px[:, 3] > trees.image_height - lower_side_px
+        unseen = (values[:, [LEFT, RIGHT], 2] < UNSEEN_SCORE).all(1) & reaches_lower_side
+        within[:, [LEFT, RIGHT]] &= ~unseen[:, None]
         return cls(
             xy_px=values[..., :2],
             given=given,
@@ -98,7 +103,7 @@ class Keypoints:
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
             clipped_by_side=clipped,
-            reaches_lower_side=trees.boxes_px[:, 3] > trees.image_height - lower_side_px,
+            reaches_lower_side=reaches_lower_side,
             section_above_px=_section_above_px(values, std_px, trees.image_height),
             offered=trees.keypoints_px is not None,
         )

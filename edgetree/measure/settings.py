@@ -28,8 +28,8 @@ def network_std_px(std_px: float, image_width: int) -> float:
     """Standard deviation in px of the image, of one in px of an image of 1280 px width.
 
     A network sees every image at its own input size, so its errors are shares of the width. But
-    where it sees an edge depends on the pixels of the image, too: the least is `NETWORK_EDGE_PX`, or
-    `std_px` if that is smaller.
+    where it sees an edge depends on the pixels of the image, too: the least is `NETWORK_EDGE_PX`,
+    or `std_px` if that is smaller.
     """
     return max(std_px * reference_px(image_width), min(std_px, NETWORK_EDGE_PX))
 
