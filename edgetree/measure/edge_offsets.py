@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Float
-from edgetree.measure.constants.edges import STATIONS_PER_END
+from edgetree.measure.constants.edges import MASK_SHAPE_SHARE, STATIONS_PER_END
 from edgetree.measure.depth_edges import DepthEdges
 from edgetree.measure.drawn_edges import DrawnEdges
 from edgetree.measure.edge_lines import fit_lines, masked_medians
@@ -69,6 +69,7 @@ def edge_offsets(regions: SearchRegions, depth: DepthEdges, mask_std_px: Float) 
     own = np.where(depth.enough, mask_std_px**2 / (mask_std_px**2 + own_std_px**2), 0.0)
     # Errors that both edges of a stem share count twice in its width.
     std_px = np.hypot(mask_std_px * np.sqrt(1 - own), np.sqrt(own) * shared_std_px)
+    std_px = np.hypot(std_px, MASK_SHAPE_SHARE * mask_std_px * (own > 0))
     own = own[..., None]
     inwards_px = own * line_px + (1 - own) * common_px[:, None]
     return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))

@@ -75,8 +75,8 @@ class _Taper(NamedTuple):
 class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to.
 
-    `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells whether
-    the ground is seen at any of them: without it, a part of a stem may be far above its butt.
+    `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells
+    whether the ground is seen at any of them: else a part of a stem may be far above its butt.
     """
 
     frame: DepthFrame

@@ -25,7 +25,8 @@ FILLED_OUTWARDS: Final = 1.0
 up to a reading outside of their outline."""
 
 FILLED_STD: Final = 0.6
-"""Standard deviation of that between frames. Source: chosen, about that of an even spread from none to two."""
+"""Standard deviation of that between frames. Source: chosen, that of an even spread from none to
+two."""
 
 GROWN_BY_SQUARES: Final = 0.5
 """Readings that fill squares of pixels take the nearest surface of these, which so grows by this
@@ -35,6 +36,10 @@ square."""
 STATIONS_PER_END: Final = 2.0
 """Neighbouring ends of a surface have correlated errors: so many stations count as one.
 Source: chosen by hand."""
+
+MASK_SHAPE_SHARE: Final = 0.6
+"""Share of the error of a mask's edge that stays after it is moved by a straight line of offsets:
+that of its shape along the stem. Source: chosen by hand."""
 
 NETWORK_EDGE_PX: Final = 1.0
 """Least standard deviation of the edges and keypoints of a network, in px of the image: where it
