@@ -37,7 +37,7 @@ STATIONS_PER_END: Final = 2.0
 """Neighbouring ends of a surface have correlated errors: so many stations count as one.
 Source: chosen by hand."""
 
-MASK_SHAPE_SHARE: Final = 0.6
+MASK_SHAPE_SHARE: Final = 0.7
 """Share of the error of a mask's edge that stays after it is moved by a straight line of offsets:
 that of its shape along the stem. Source: chosen by hand."""
 

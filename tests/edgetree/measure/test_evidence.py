@@ -75,7 +75,7 @@ def test_valid_depth_share_counts_holes_in_the_depth(stand, share):
     depth_m = np.where(kept, stand.depth_m, 0).astype(np.float32)
     tree = stand.measure(depth_m=depth_m)
     assert tree.evidence.valid_depth_share == pytest.approx(share, abs=0.08)
-    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.3, 0.5])
