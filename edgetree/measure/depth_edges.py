@@ -180,7 +180,9 @@ def _roughness_px(regions: SearchRegions, outward_px: Float, known: Bool, step_p
     known = known & (step_px <= _READINGS_INSIDE)[:, None]
     ends_px = np.where(known, outward_px, 0.0)
     value, slope = fit_lines(regions.stations_px, ends_px, known.astype(np.float64))
-    off_px = np.abs(ends_px - value[..., None] - slope[..., None] * regions.stations_px)[known]
+    off_px = np.abs(ends_px - value[..., None] - slope[..., None] * regions.stations_px)
+    # A pixel is wider across a stem that leans in the image.
+    off_px = (off_px / np.abs(regions.across).sum(1)[:, None])[known]
     return float(np.median(off_px)) * _STD_PER_MEDIAN if len(off_px) >= _MIN_RAMPS else math.nan
 
 

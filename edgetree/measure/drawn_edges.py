@@ -46,7 +46,7 @@ _FILLED = np.array([8.0, 0.25, 0.3, 1.2])
 _STEREO_SEEN = np.array([8.0, 1.0, 0.3, 0.4])
 _STEREO_HIDDEN = np.array([2.0, 2.0, 2.0, 0.4])
 # How likely exact depth, time of flight, stereo and filled depth are before looking.
-_PRIOR = np.array([0.5, 0.21, 0.21, 0.08])
+_PRIOR = np.array([0.6, 0.19, 0.19, 0.02])
 # Mean and standard deviation of the roughness of edges of exact and of other depth, in readings,
 # and the most that it counts.
 _SMOOTH, _ROUGH, _MOST_SMOOTH = (0.34, 0.09), (0.65, 0.12), 5.0
