@@ -22,6 +22,8 @@ from edgetree.measure.regions import SearchRegions
 # Rounds of reweighted least squares, and the standard deviation of a normal distribution per median
 # of its absolute values.
 _ROUNDS = 2
+# Edges of masks are moved by so many of their standard deviations at most.
+_MOST_STDS = 2.0
 _STD_PER_MEDIAN = 1.4826
 
 
@@ -72,6 +74,9 @@ def edge_offsets(regions: SearchRegions, depth: DepthEdges, mask_std_px: Float) 
     std_px = np.hypot(std_px, MASK_SHAPE_SHARE * mask_std_px * (own > 0))
     own = own[..., None]
     inwards_px = own * line_px + (1 - own) * common_px[:, None]
+    # What is further from the mask's edge is the edge of something else.
+    most_px = _MOST_STDS * mask_std_px[:, None]
+    inwards_px = np.clip(inwards_px, -most_px, most_px)
     return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))
 
 
