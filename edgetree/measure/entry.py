@@ -275,7 +275,8 @@ def _measured(
         found = find_grounds(frame, bases.of(indices), seen, noise)
         for index, ground in zip(indices, found, strict=True):
             grounds[index] = ground
-        fitted = fitted.against_feet(bases, grounds)
+        seen_at_all = any(not isinstance(ground, Failure) for ground in found)
+        fitted = replace(fitted.against_feet(bases, grounds), ground_seen=seen_at_all)
         reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
     return values(fitted, cuts, reasons, grounds, verticals, mounting)
 

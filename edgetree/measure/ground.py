@@ -10,6 +10,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
+from edgetree.measure.constants.depth import SURFACE_M
 from edgetree.measure.constants.ground import (
     DEPARTURE_STD_PER_M,
     FOOT_STDS,
@@ -25,6 +26,7 @@ from edgetree.measure.constants.ground import (
     MIN_PLANTS_SHARE,
     MIN_SHARE_WITHOUT_FOOT,
     OUTLIER_STD_M,
+    OWN_RADII,
     POINTS_PER_ERROR,
     SEARCH_RADIUS_M,
     UNEVEN_STD_M,
@@ -32,7 +34,7 @@ from edgetree.measure.constants.ground import (
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
-from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
+from edgetree.measure.ground_samples import Axes, GroundSamples, sample_around, thinned
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical, Verticals
 
@@ -198,6 +200,7 @@ class StemBases(NamedTuple):
     Attributes:
         indices: (T,) numbers of the stems in the frame.
         cuts: (T, 3) camera points on the axes at the felling cuts.
+        along: (T, 3) unit vectors of the axes.
         lowest: (T, 3) lowest camera points on the axes at which both edges show; not finite where
             they never do.
         radii_m: (T,) radii of the stems.
@@ -210,6 +213,7 @@ class StemBases(NamedTuple):
 
     indices: Index
     cuts: Float
+    along: Float
     lowest: Float
     radii_m: Float
     foot_within: Bool
@@ -250,7 +254,10 @@ def find_grounds(
     stated = Estimate(frame.settings.ground_cover_m, frame.settings.ground_cover_std_m)
     for grid in _GRIDS:
         radius_m, cuts = bases.radii_m[missing], bases.cuts[missing]
-        samples = sample_around(frame, cuts, SEARCH_RADIUS_M + radius_m, up, grid)
+        # Around a foot the ground meets the bark, so nothing is left out there.
+        own_m = np.where(bases.foot_within, 0.0, OWN_RADII * bases.radii_m + SURFACE_M)[missing]
+        axes = Axes(cuts, bases.along[missing], own_m)
+        samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         for index, found in zip(missing, planes, strict=True):
             if isinstance(found, Failure):
