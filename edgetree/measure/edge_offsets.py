@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
-from edgetree.measure.constants.edges import MASK_SHAPE_SHARE, STATIONS_PER_END
+from edgetree.measure.constants.edges import STATIONS_PER_END
 from edgetree.measure.depth_edges import DepthEdges
 from edgetree.measure.drawn_edges import DrawnEdges
 from edgetree.measure.edge_lines import fit_lines, masked_medians
@@ -77,12 +77,11 @@ def edge_offsets(
     common_px = middle_px * mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
     own_std_px = np.hypot(shared_std_px, line_std_px)
     trust = np.where(own, mask_std_px**2 / (mask_std_px**2 + own_std_px**2), 0.0)
-    # Errors that both edges of a stem share count twice in its width.
-    std_px = np.hypot(mask_std_px * np.sqrt(1 - trust), np.sqrt(trust) * shared_std_px)
-    std_px = np.hypot(std_px, MASK_SHAPE_SHARE * mask_std_px * own)
+    # The depth tells where edges are in the mean. The errors of the mask's shape stay.
+    std_px = np.hypot(mask_std_px, (trust * shared_std_px).max(0))
     trust = trust[..., None]
     inwards_px = trust * line_px + (1 - trust) * common_px[:, None]
-    return EdgeOffsets(inwards_px, np.sqrt((std_px**2).mean(0)), float(np.median(common_px)))
+    return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))
 
 
 def _lines(regions: SearchRegions, offset_px: Float, known: Bool) -> tuple[Float, Float]:

@@ -50,7 +50,8 @@ class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to.
 
     `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells
-    whether the ground is seen at any of them: else a part of a stem may be far above its butt.
+    whether anything that may be ground is seen at any of them: else a part of a stem may be far
+    above its butt.
     """
 
     frame: DepthFrame

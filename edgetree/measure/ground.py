@@ -42,6 +42,8 @@ from edgetree.measure.vertical import Vertical, Verticals
 _GRIDS = (27, 72)
 # Fewer points make no plane.
 _MIN_POINTS = 20
+# So few are single stray readings: nothing is seen beside the stem.
+_FEW_POINTS = 3
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical. It keeps
 # lengths along a lying stem finite.
 _MIN_COSINE = 0.2
@@ -194,6 +196,11 @@ class DistrustedGround(Failure):
     ground: BaseGround
 
 
+@dataclass(frozen=True)
+class UnseenGround(Failure):
+    """Why there is no ground where no depth but the stem's own is seen."""
+
+
 class StemBases(NamedTuple):
     """The lower ends of T stems.
 
@@ -259,9 +266,10 @@ def find_grounds(
         axes = Axes(cuts, bases.along[missing], own_m)
         samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
-        for index, found in zip(missing, planes, strict=True):
+        few = samples.usable.sum(1) < _FEW_POINTS
+        for index, found, unseen in zip(missing, planes, few, strict=True):
             if isinstance(found, Failure):
-                grounds[index] = found
+                grounds[index] = UnseenGround(found.reason) if unseen else found
             else:
                 vertical = verticals.at(int(bases.indices[index]), found[0].normal)
                 ground = BaseGround(found[0], vertical, found[1], stated)

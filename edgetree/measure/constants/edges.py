@@ -37,10 +37,6 @@ STATIONS_PER_END: Final = 2.0
 """Neighbouring ends of a surface have correlated errors: so many stations count as one.
 Source: chosen by hand."""
 
-MASK_SHAPE_SHARE: Final = 0.7
-"""Share of the error of a mask's edge that stays after it is moved by a straight line of offsets:
-that of its shape along the stem. Source: chosen by hand."""
-
 NETWORK_EDGE_PX: Final = 1.0
 """Least standard deviation of the edges and keypoints of a network, in px of the image: where it
 sees an edge depends on how the camera draws it. Source: chosen, on cylinders in front of five
