@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import PinholeCamera
-from edgetree.measure import measure_trees
+from edgetree.measure import MeasureSettings, measure_trees
 from edgetree.measure.depth_steps import depth_steps
 from edgetree.measure.drawn_edges import AT_ONCE, GAP, UNKNOWN, drawn_edges
 
@@ -65,13 +65,13 @@ def replace_steps(steps):
 
 
 def inwards(trees, px):
-    """Detections whose masks and keypoints are `px` too narrow on each side."""
+    """Detections by a network, whose masks and keypoints are `px` too narrow on each side."""
     boxes, keypoints = trees.boxes_px.copy(), trees.keypoints_px.copy()
     boxes[:, 0] += px
     boxes[:, 2] -= px
     keypoints[:, 1, 0] += px
     keypoints[:, 2, 0] -= px
-    return replace(trees, boxes_px=boxes, keypoints_px=keypoints)
+    return replace(trees, boxes_px=boxes, keypoints_px=keypoints, by_network=True)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_surfaces_that_stereo_extends_do_not_widen_stems(stand):
         shadow |= np.roll(extended, -px, 1) > 1.1 * extended
     disparity = np.rint(extended * 45 / 0.0625) * 0.0625
     depth_m = np.where(shadow, 0.0, 45 / disparity).astype(np.float32)
-    errors_m = dbh_errors_m(stand, stand.detections(), depth_m)
+    errors_m = dbh_errors_m(stand, inwards(stand.detections(), 0.0), depth_m)
     assert np.abs(errors_m.mean()) < 0.005
 
 
@@ -120,3 +120,52 @@ def test_a_lone_stem_has_no_ground(scene, pole):
     [tree] = measure_trees(replace(trees, boxes_px=boxes), depth_m, camera)
     assert tree.evidence.ground.startswith("no ground")
     assert tree.diameter_m.value == pytest.approx(0.25, abs=0.015)
+
+
+def test_detections_that_no_network_made_stay(stand):
+    """Where a user puts masks and keypoints, no camera's way to draw edges has moved them."""
+    given = replace(inwards(stand.detections(), 1.2), by_network=False)
+    errors_m = dbh_errors_m(stand, given, stand.depth_m)
+    assert errors_m.mean() < -0.01
+    masks = stand.masks()
+    by_masks = [
+        measure_trees(replace(given, by_network=by), stand.depth_m, stand.camera, masks=masks)
+        for by in (False, True)
+    ]
+    assert by_masks[0][1].dbh_m.value == by_masks[1][1].dbh_m.value
+
+
+def test_swapped_edges_of_a_network_give_the_same_diameter(stand):
+    trees = inwards(stand.detections(), 1.2)
+    swapped = replace(trees, keypoints_px=trees.keypoints_px[:, [0, 2, 1, 3, 4]])
+    found, same = (
+        measure_trees(each, stand.depth_m, stand.camera, up_camera=stand.up)
+        for each in (trees, swapped)
+    )
+    assert [tree.diameter_m for tree in same] == [tree.diameter_m for tree in found]
+
+
+def test_what_a_network_adds_to_one_mask_does_not_move_its_keypoints(scene, pole):
+    """Twigs before a stem, background through its crown, and a mask that is 4 px too wide."""
+    made = scene(pole(0.3, -0.4, 5.0))
+    rng = np.random.default_rng(3)
+    mask, depth_m = made.owner == 1, made.depth_m.copy()
+    twigs = mask & (rng.random(mask.shape) < 0.25)
+    depth_m[twigs] -= rng.uniform(0.2, 1.5, mask.shape).astype(np.float32)[twigs]
+    depth_m[mask & (rng.random(mask.shape) < 0.15)] += 6.0
+    wide = np.roll(mask, 4, 1) | np.roll(mask, -4, 1)
+    trees = replace(made.detections([wide]), by_network=True)
+    for settings in (None, MeasureSettings(keypoint_std_px=0.1, mask_std_px=0.5)):
+        tree = made.measure(trees, depth_m, settings=settings)
+        assert tree.diameter_m.value == pytest.approx(0.3, rel=0.03)
+
+
+def test_a_thing_in_front_does_not_move_a_networks_edges(scene, pole):
+    made = scene(pole(0.3, 0.3, 4.0))
+    mask, crossing = made.owner == 1, np.zeros(made.owner.shape, np.bool_)
+    crossing[300:450] = True
+    depth_m = np.where(crossing, np.minimum(made.depth_m, 3.2), made.depth_m)
+    trees = replace(made.detections([mask & ~crossing]), by_network=True)
+    for settings in (None, MeasureSettings(keypoint_std_px=0.1, mask_std_px=0.5)):
+        tree = made.measure(trees, depth_m, settings=settings)
+        assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
