@@ -68,13 +68,13 @@ def edge_offsets(
     line_px, line_std_px = _lines(regions, offset_px, depth.known)
     shared_std_px = np.hypot(drawn.std_px, depth.shift_px / 2)
     own = depth.enough & ~moves
-    side_px = np.median(line_px, axis=2)[own]
-    if not len(side_px):
-        return EdgeOffsets(np.zeros(offset_px.shape), mask_std_px, 0.0)
-    middle_px = float(np.median(side_px))
-    spread_px = _STD_PER_MEDIAN * float(np.median(np.abs(side_px - middle_px)))
-    common_std_px = np.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
-    common_px = middle_px * mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
+    common_px, common = np.zeros(len(mask_std_px)), own & (depth.median_px == 0)
+    if common.any():
+        side_px = np.median(line_px, axis=2)[common]
+        middle_px = float(np.median(side_px))
+        spread_px = _STD_PER_MEDIAN * float(np.median(np.abs(side_px - middle_px)))
+        common_std_px = np.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
+        common_px = middle_px * mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
     own_std_px = np.hypot(shared_std_px, line_std_px)
     trust = np.where(own, mask_std_px**2 / (mask_std_px**2 + own_std_px**2), 0.0)
     # The depth tells where edges are in the mean. The errors of the mask's shape stay.

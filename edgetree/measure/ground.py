@@ -42,6 +42,8 @@ from edgetree.measure.vertical import Vertical, Verticals
 _GRIDS = (27, 72)
 # Fewer points make no plane.
 _MIN_POINTS = 20
+# Where no stem has more, nothing but stems is seen: `fit_ground_planes` makes no plane of fewer.
+_FEW_POINTS = 12
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical. It keeps
 # lengths along a lying stem finite.
 _MIN_COSINE = 0.2
@@ -264,7 +266,7 @@ def find_grounds(
         axes = Axes(cuts, bases.along[missing], own_m)
         samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
-        few = samples.usable.sum(1) < _MIN_POINTS
+        few = samples.usable.sum(1) < _FEW_POINTS
         for index, found, unseen in zip(missing, planes, few, strict=True):
             if isinstance(found, Failure):
                 grounds[index] = UnseenGround(found.reason) if unseen else found
