@@ -223,8 +223,8 @@ def _open_folder(
             paths = [path for path in paths if not is_depth_name(path.stem)] or paths
             present -= {path.name for path in paths}
         has_clouds = not any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
-        suffixes = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
-        paired = depth_names(paths, present, str(folder), str(depth), suffixes)
+        expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
+        paired = depth_names(paths, present, str(folder), str(depth), expected)
         if paired.remark is not None:
             _log.warning("%s", paired.remark)
         depths = [depth / name for name in paired.names]

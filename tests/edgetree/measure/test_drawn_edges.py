@@ -129,6 +129,16 @@ def test_detections_that_no_network_made_stay(stand):
     assert errors_m.mean() < -0.01
 
 
+def test_edges_of_a_network_are_no_better_than_a_pixel_of_a_small_image(scene, pole):
+    camera = PinholeCamera(256, 192, 190.0, 190.0, 127.5, 95.5)
+    made = scene(pole(0.3, 0.0, 3.0), camera=camera)
+    std_m = [
+        made.measure(replace(made.detections(), by_network=by), settings=None).diameter_m.std
+        for by in (False, True)
+    ]
+    assert std_m[1] > 1.2 * std_m[0]
+
+
 def test_swapped_edges_of_a_network_give_the_same_diameter(stand):
     trees = inwards(stand.detections(), 1.2)
     swapped = replace(trees, keypoints_px=trees.keypoints_px[:, [0, 2, 1, 3, 4]])
