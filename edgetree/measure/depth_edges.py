@@ -101,7 +101,7 @@ def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
 
 def search_step_px(regions: SearchRegions) -> Float:
     """(T,) distance of the places across the stems at which their depth is read."""
-    return np.maximum(_STEP * regions.half_px, 1.0)
+    return np.asarray(np.maximum(_STEP * regions.half_px, 1.0))
 
 
 def surface_reach_m(frame: DepthFrame, edges_px: Float, depth_m: Float) -> Float:

@@ -103,4 +103,4 @@ def _reading_middles(frame: DepthFrame, regions: SearchRegions, across_px: Float
     side_px = frame.steps.side_px
     xy_px = regions.points(across_px[..., None])[..., 0, :]
     middle_px = (np.floor(xy_px / side_px) + 0.5) * side_px
-    return across_px + np.vecdot(middle_px - xy_px, regions.across[:, None])
+    return np.asarray(across_px + np.vecdot(middle_px - xy_px, regions.across[:, None]))
