@@ -103,7 +103,7 @@ def drawn_edges(beside: Index, roughness_px: float, steps: DepthSteps) -> DrawnE
         [
             _log_likelihood(left + right, _EXACT),
             _log_likelihood(left + right, _TOF),
-            np.logaddexp(*shadows) - math.log(2),
+            np.logaddexp(shadows[0], shadows[1]) - math.log(2),
             _log_likelihood(left + right, _FILLED),
         ]
     )
