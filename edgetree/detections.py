@@ -78,6 +78,9 @@ class TreeDetections:
             None for an ordinary image, and if the model file does not say how they look.
         error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `MeasureSettings` states, 0.1 to 10; as the model file says.
+        by_network: Whether a network drew masks and keypoints. Its edges are all off alike where a
+            camera draws edges in another way than those of its training, so `measure_trees`
+            corrects them by the depth. `TreeDetector` sets it.
 
     Raises:
         InputError: An array does not have the shape given above, contains values that are not
@@ -92,6 +95,7 @@ class TreeDetections:
     image_height: int
     unlike: UnlikeTraining | None = None
     error_factor: float = 1.0
+    by_network: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.scores)

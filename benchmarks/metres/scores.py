@@ -22,12 +22,15 @@ QUANTITIES = (
 LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
 
 
-def score(readings: Iterable[tuple[TreeMeasurement, dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+def score(
+    readings: Iterable[tuple[TreeMeasurement, dict[str, Any]]],
+    quantities: tuple[str, ...] = QUANTITIES,
+) -> dict[str, dict[str, Any]]:
     """Scores by quantity. A point counts as three readings, one for each coordinate."""
-    errors: dict[str, list[tuple[float, float, bool, list[bool]]]] = {n: [] for n in QUANTITIES}
-    asked = dict.fromkeys(QUANTITIES, 0)
+    errors: dict[str, list[tuple[float, float, bool, list[bool]]]] = {n: [] for n in quantities}
+    asked = dict.fromkeys(quantities, 0)
     for tree, truth in readings:
-        for name in QUANTITIES:
+        for name in quantities:
             value = getattr(tree, name)
             asked[name] += 1
             if isinstance(value, Estimate):
@@ -41,7 +44,7 @@ def score(readings: Iterable[tuple[TreeMeasurement, dict[str, Any]]]) -> dict[st
             for each, true in found:
                 inside = [_holds(each, level, true) for level in LEVELS]
                 errors[name].append((each.value - true, each.std, warned, inside))
-    return {name: _summary(asked[name], errors[name]) for name in QUANTITIES}
+    return {name: _summary(asked[name], errors[name]) for name in quantities}
 
 
 def _holds(value: Estimate, level: float, true: float) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Float
+from basetree.arrays import Bool, Float
 from edgetree.measure.constants.outlines import (
     GIVEN_MASK_DOUBT,
     MAX_INCOMPLETE_STD,
@@ -21,6 +21,9 @@ from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
+
+SEEN_PART_WARNING = "the cut is not in the picture: the diameter is that of the part that is seen"
+"""Warning where the ground is not seen at any stem of the frame."""
 
 
 def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> Float:
@@ -65,11 +68,13 @@ class ButtSwell(NamedTuple):
     Attributes:
         share: (T,) relative differences of the diameters.
         std: (T,) their standard deviations.
+        inferred: (T,) whether the section is not that of the cut, but the lowest part that is seen.
         warnings: T times the warning, or nothing where the section is that of the diameter.
     """
 
     share: Float
     std: Float
+    inferred: Bool
     warnings: list[tuple[str, ...]]
 
     @classmethod
@@ -99,6 +104,7 @@ class ButtSwell(NamedTuple):
         return cls(
             np.where(inferred, settings.butt_swell, half),
             np.where(inferred, settings.butt_swell_std, std),
+            inferred,
             [(text,) if text else () for text in texts],
         )
 

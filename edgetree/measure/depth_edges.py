@@ -46,6 +46,8 @@ class DepthEdges(NamedTuple):
         behind: (2, T, S) whether the reading beside it is behind the stem.
         median_px: (2, T) median of the known `inset_px`; 0 where the edges of mask and depth agree,
             or too few are known.
+        enough: (2, T) whether enough of them are known.
+        outermost_px: (2, T, S) as `inset_px`, of the outermost reading found on the stem.
         shift_px: (T,) how far the depth lies to the right of the mask, across the stem.
         ramp_px: Width of the ramp in the depth at the edges of the frame's stems; 0 for steps.
     """
@@ -54,14 +56,17 @@ class DepthEdges(NamedTuple):
     known: Bool
     behind: Bool
     median_px: Float
+    enough: Bool
+    outermost_px: Float
     shift_px: Float
     ramp_px: float
 
     @classmethod
     def unknown(cls, found: Bool) -> DepthEdges:
         """Where single beams show no edges; `found` (2, T, S) are those of the masks."""
-        nowhere, zeros = np.zeros_like(found), np.zeros(found.shape[:2])
-        return cls(np.zeros(found.shape), nowhere, nowhere, zeros, zeros[0], 0.0)
+        nowhere, zeros = np.zeros_like(found), np.zeros(found.shape)
+        side_px = zeros[..., 0]
+        return cls(zeros, nowhere, nowhere, side_px, nowhere[..., 0], zeros, side_px[0], 0.0)
 
 
 def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
@@ -94,6 +99,25 @@ def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
     return np.asarray(1 / np.maximum(inverse, 1 / settings.max_range_m))
 
 
+def search_step_px(regions: SearchRegions) -> Float:
+    """(T,) distance of the places across the stems at which their depth is read."""
+    return np.asarray(np.maximum(_STEP * regions.half_px, 1.0))
+
+
+def surface_reach_m(frame: DepthFrame, edges_px: Float, depth_m: Float) -> Float:
+    """(T, S) by how much readings on the stems differ from the depth of their front at most.
+
+    Args:
+        frame: Camera and settings.
+        edges_px: (2, T, S) left and right edges of the masks across the regions.
+        depth_m: (T, S) depth of the front of the stems.
+    """
+    settings = frame.settings
+    radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
+    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
+    return np.asarray(radius_m + SURFACE_STDS * noise_m + SURFACE_M)
+
+
 def find_depth_edges(
     frame: DepthFrame,
     regions: SearchRegions,
@@ -110,14 +134,12 @@ def find_depth_edges(
         found: (2, T, S) which of these were found.
         depth_m: (T, S) depth of the front of the stems at the stations.
     """
-    settings = frame.settings
-    step_px = np.maximum(_STEP * regions.half_px, 1.0)
+    step_px = search_step_px(regions)
     inwards_px = np.arange(-_STEPS_OUTSIDE, _STEPS_INSIDE) * step_px[:, None]
     across = edges_px[..., None] - OUTWARDS[..., None] * inwards_px[:, None]
     read_m = frame.depth_at(regions.points(across))
     radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
-    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
-    reach_m = (radius_m + SURFACE_STDS * noise_m + SURFACE_M)[..., None]
+    reach_m = surface_reach_m(frame, edges_px, depth_m)[..., None]
     behind_m, read = read_m - depth_m[..., None], read_m > 0
     on_stem = read & (np.abs(behind_m) <= reach_m)
     first = (on_stem | (read & (behind_m < -reach_m))).argmax(-1)
@@ -147,6 +169,8 @@ def find_depth_edges(
         known=known,
         behind=behind,
         median_px=np.where(inside, median_px, 0.0),
+        enough=enough,
+        outermost_px=(index - _STEPS_OUTSIDE) * step_px[:, None],
         shift_px=shift_px,
         ramp_px=ramp_px if ramp_px >= MIN_RAMP_PX else 0.0,
     )

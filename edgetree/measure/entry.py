@@ -18,7 +18,7 @@ from edgetree.measure.constants.ground import CAMERA_UP_STD_DEG
 from edgetree.measure.estimates import Failure, TreeMeasurement
 from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, find_grounds
+from edgetree.measure.ground import BaseGround, UnseenGround, find_grounds
 from edgetree.measure.ground_cover import noise_factor
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.regions import STATIONS
@@ -275,7 +275,8 @@ def _measured(
         found = find_grounds(frame, bases.of(indices), seen, noise)
         for index, ground in zip(indices, found, strict=True):
             grounds[index] = ground
-        fitted = fitted.against_feet(bases, grounds)
+        seen_at_all = any(not isinstance(ground, UnseenGround) for ground in found)
+        fitted = replace(fitted.against_feet(bases, grounds), ground_seen=seen_at_all)
         reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
     return values(fitted, cuts, reasons, grounds, verticals, mounting)
 

@@ -20,7 +20,13 @@ from edgetree.measure.constants.stems import (
     MIN_DIAMETER_M,
     TAPER_PER_M,
 )
-from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, if_certain, incomplete_stds
+from edgetree.measure.cut_diameter import (
+    SEEN_PART_WARNING,
+    ButtSwell,
+    diameter_stds_m,
+    if_certain,
+    incomplete_stds,
+)
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
 from edgetree.measure.foot_distance import FootDistances, foot_distances
@@ -43,7 +49,9 @@ from edgetree.measure.width import MaskWidths
 class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to.
 
-    `feet` tells whose depth their feet contradict; None where none does.
+    `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells
+    whether anything that may be ground is seen at any of them: else a part of a stem may be far
+    above its butt.
     """
 
     frame: DepthFrame
@@ -52,6 +60,7 @@ class FittedFrame:
     stems: Stems
     roll_std_rad: Float
     feet: FootDistances | None = None
+    ground_seen: bool = True
 
     @property
     def settings(self) -> MeasureSettings:
@@ -169,6 +178,7 @@ class FittedFrame:
         return StemBases(
             indices=np.arange(len(cuts)),
             cuts=cuts,
+            along=sections.axes.along,
             lowest=self.stems.distance_m[:, None] * sections.centre + along,
             radii_m=self.stems.radius_m,
             foot_within=keypoints.within[:, CUT] | ~keypoints.reaches_lower_side,
@@ -320,6 +330,8 @@ class FittedFrame:
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
         diameter = self.butt_swell.at_cut(index, at_section)
         warnings = self.butt_swell.warnings[index]
+        if self.butt_swell.inferred[index] and not self.ground_seen:
+            diameter, warnings = taper.seen_part(at_section), (SEEN_PART_WARNING,)
         if self.feet is not None:
             warnings += self.feet.warning(index)
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)

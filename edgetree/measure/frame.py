@@ -12,8 +12,9 @@ import numpy as np
 from basetree.arrays import Bool, Float, Float32, Index
 from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
+from edgetree.measure.depth_steps import DepthSteps, depth_steps
 from edgetree.measure.rig_uncertainty import NO_ERRORS, RigErrors
-from edgetree.measure.settings import MeasureSettings, reference_px
+from edgetree.measure.settings import MeasureSettings, network_std_px, reference_px
 
 # OpenCV samples at most 32,766 points in a row.
 _MAX_POINTS = 30_000
@@ -93,6 +94,7 @@ class DepthFrame:
         rotation: (3, 3) from the camera's axes to those of the frame's rays; None if they are the
             same.
         is_sparse: Whether the readings are those of single beams.
+        by_network: Whether a network drew the masks.
     """
 
     camera: PinholeCamera
@@ -103,6 +105,7 @@ class DepthFrame:
     rig: RigErrors = NO_ERRORS
     rotation: Float | None = None
     is_sparse: bool = False
+    by_network: bool = False
 
     @classmethod
     def from_detections(
@@ -120,7 +123,20 @@ class DepthFrame:
         elif trees.masks is not None:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
-        return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
+        given = masks is not None
+        return cls(
+            camera,
+            np.ascontiguousarray(depth_m),
+            grids,
+            settings,
+            masks_given=given,
+            by_network=trees.by_network and not given,
+        )
+
+    @cached_property
+    def steps(self) -> DepthSteps:
+        """The steps of the depth."""
+        return depth_steps(self.depth_m)
 
     @property
     def limits_px(self) -> tuple[Float, Float]:
@@ -226,6 +242,8 @@ class DepthFrame:
             own_px = np.full_like(cells, settings.given_mask_std_px)
         else:
             smallest = settings.mask_std_px * reference_px(self.camera.width)
+            if self.by_network:
+                smallest = network_std_px(settings.mask_std_px, self.camera.width)
             own_px = np.hypot(smallest, settings.mask_spread * cells)
         return np.asarray(np.hypot(own_px, [mask.edge_std_px for mask in masks]))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
+from edgetree.measure.constants.depth import SURFACE_M
 from edgetree.measure.constants.ground import (
     DEPARTURE_STD_PER_M,
     FOOT_STDS,
@@ -25,6 +26,7 @@ from edgetree.measure.constants.ground import (
     MIN_PLANTS_SHARE,
     MIN_SHARE_WITHOUT_FOOT,
     OUTLIER_STD_M,
+    OWN_RADII,
     POINTS_PER_ERROR,
     SEARCH_RADIUS_M,
     UNEVEN_STD_M,
@@ -32,7 +34,7 @@ from edgetree.measure.constants.ground import (
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
-from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
+from edgetree.measure.ground_samples import Axes, GroundSamples, sample_around, thinned
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical, Verticals
 
@@ -40,6 +42,8 @@ from edgetree.measure.vertical import Vertical, Verticals
 _GRIDS = (27, 72)
 # Fewer points make no plane.
 _MIN_POINTS = 20
+# Where no stem has more, nothing but stems is seen: `fit_ground_planes` makes no plane of fewer.
+_FEW_POINTS = 12
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical. It keeps
 # lengths along a lying stem finite.
 _MIN_COSINE = 0.2
@@ -192,12 +196,18 @@ class DistrustedGround(Failure):
     ground: BaseGround
 
 
+@dataclass(frozen=True)
+class UnseenGround(Failure):
+    """Why there is no ground where hardly any depth but the stem's own is seen."""
+
+
 class StemBases(NamedTuple):
     """The lower ends of T stems.
 
     Attributes:
         indices: (T,) numbers of the stems in the frame.
         cuts: (T, 3) camera points on the axes at the felling cuts.
+        along: (T, 3) unit vectors of the axes.
         lowest: (T, 3) lowest camera points on the axes at which both edges show; not finite where
             they never do.
         radii_m: (T,) radii of the stems.
@@ -210,6 +220,7 @@ class StemBases(NamedTuple):
 
     indices: Index
     cuts: Float
+    along: Float
     lowest: Float
     radii_m: Float
     foot_within: Bool
@@ -250,11 +261,15 @@ def find_grounds(
     stated = Estimate(frame.settings.ground_cover_m, frame.settings.ground_cover_std_m)
     for grid in _GRIDS:
         radius_m, cuts = bases.radii_m[missing], bases.cuts[missing]
-        samples = sample_around(frame, cuts, SEARCH_RADIUS_M + radius_m, up, grid)
+        # Around a foot the ground meets the bark, so nothing is left out there.
+        own_m = np.where(bases.foot_within, 0.0, OWN_RADII * bases.radii_m + SURFACE_M)[missing]
+        axes = Axes(cuts, bases.along[missing], own_m)
+        samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
-        for index, found in zip(missing, planes, strict=True):
+        few = samples.usable.sum(1) < _FEW_POINTS
+        for index, found, unseen in zip(missing, planes, few, strict=True):
             if isinstance(found, Failure):
-                grounds[index] = found
+                grounds[index] = UnseenGround(found.reason) if unseen else found
             else:
                 vertical = verticals.at(int(bases.indices[index]), found[0].normal)
                 ground = BaseGround(found[0], vertical, found[1], stated)

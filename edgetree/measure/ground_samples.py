@@ -37,10 +37,25 @@ class GroundSamples(NamedTuple):
     sparse: Bool
 
 
+class Axes(NamedTuple):
+    """Axes of T stems.
+
+    Attributes:
+        points: (T, 3) axis points in metres.
+        along: (T, 3) unit vectors.
+        own_m: (T,) readings within this distance are of the stem itself.
+    """
+
+    points: Float
+    along: Float
+    own_m: Float
+
+
 def sample_around(
-    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
+    frame: DepthFrame, axes: Axes, reach_m: Float, vertical: Float, grid: int
 ) -> GroundSamples:
-    """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
+    """Sample the depth on a grid of `grid` rows and columns around points of axes."""
+    axis_points = axes.points
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
     first, last = frame.limits_px
@@ -64,6 +79,9 @@ def sample_around(
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
     usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
+    along_m = np.vecdot(offset, axes.along[:, None])
+    from_axis_m = np.sqrt(np.maximum(np.vecdot(offset, offset) - along_m**2, 0.0))
+    usable &= from_axis_m > axes.own_m[:, None]
     usable &= (rise < MAX_ABOVE_CUT_M) & (rise > -MAX_BELOW_CUT_M)
     return GroundSamples(points, usable, level_m, sparse)
 

@@ -14,12 +14,13 @@ from edgetree.measure.constants.outlines import (
     BORDER_KEYPOINT_STDS,
     CLIPPED_GAP_PX,
     LOWER_SIDE_PX,
+    MIN_LOWER_SIDE_PX,
     NEAR_SIDE_STD,
     NEAR_SIDE_WIDTHS,
     REACHES_SIDE_SHARE,
     UNSEEN_SCORE,
 )
-from edgetree.measure.settings import MeasureSettings, reference_px
+from edgetree.measure.settings import MeasureSettings, network_std_px, reference_px
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
@@ -76,7 +77,10 @@ class Keypoints:
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
-        std_px = np.hypot(settings.keypoint_std_px * reference_px(trees.image_width), spread)
+        least_px = settings.keypoint_std_px * reference_px(trees.image_width)
+        if trees.by_network:
+            least_px = network_std_px(settings.keypoint_std_px, trees.image_width)
+        std_px = np.hypot(least_px, spread)
         clipped = _clipped_by_side(trees, values[:, [LEFT, RIGHT], 2])
         std_px[..., 0] = np.hypot(std_px[..., 0], _near_side_std_px(trees, values, clipped))
         given = (values[..., 2] > 0) & near
@@ -91,6 +95,12 @@ class Keypoints:
         doubtful &= above_border_px < BORDER_KEYPOINT_STDS * cut_std_px
         within[:, CUT] &= ~doubtful
         lower_side_px = LOWER_SIDE_PX * reference_px(trees.image_width)
+        if trees.by_network:
+            lower_side_px = max(lower_side_px, MIN_LOWER_SIDE_PX)
+        reaches_lower_side = trees.boxes_px[:, 3] > trees.image_height - lower_side_px
+        # Where the lower side cuts a stem off, a network's unseen edge keypoints are anywhere.
+        seen = (values[:, [LEFT, RIGHT], 2] >= UNSEEN_SCORE).any(1)
+        within[:, [LEFT, RIGHT]] &= (seen | ~reaches_lower_side | (not trees.by_network))[:, None]
         return cls(
             xy_px=values[..., :2],
             given=given,
@@ -98,7 +108,7 @@ class Keypoints:
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
             clipped_by_side=clipped,
-            reaches_lower_side=trees.boxes_px[:, 3] > trees.image_height - lower_side_px,
+            reaches_lower_side=reaches_lower_side,
             section_above_px=_section_above_px(values, std_px, trees.image_height),
             offered=trees.keypoints_px is not None,
         )

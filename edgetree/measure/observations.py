@@ -197,7 +197,10 @@ def _edges(
     count = len(depth_m)
     has = keypoints.has_section[:, None, None]
     middle = _section_from_mask(regions, outline, keypoints)
-    section_px = np.where(has, keypoints.xy_px[:, [LEFT, RIGHT]], middle[:, None])
+    edges_px = keypoints.xy_px[:, [LEFT, RIGHT]]
+    if outline is not None:
+        edges_px = _moved_inwards(edges_px, outline.keypoints_inwards_px)
+    section_px = np.where(has, edges_px, middle[:, None])
     section = frame.rays(section_px)
     std_px = np.hypot(keypoints.std_px[:, LEFT, 0], keypoints.std_px[:, RIGHT, 0]) / np.sqrt(2)
     sides: Float = np.ones((2, count, STATIONS, 3))
@@ -222,6 +225,13 @@ def _edges(
         butt_swell=keypoints.has_section * frame.settings.butt_swell,
         butt_swell_std=keypoints.has_section * frame.settings.butt_swell_std,
     )
+
+
+def _moved_inwards(edges_px: Float, inwards_px: float) -> Float:
+    """Both edges (T, 2, 2) of sections, each moved towards the other, in either order."""
+    apart = edges_px[:, ::-1] - edges_px
+    length_px = np.maximum(lengths(apart), 1.0)[..., None]
+    return np.asarray(edges_px + inwards_px * apart / length_px)
 
 
 def _section_from_mask(

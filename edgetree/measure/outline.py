@@ -18,11 +18,13 @@ from edgetree.measure.constants.outlines import (
 )
 from edgetree.measure.depth_edges import DepthEdges, find_depth_edges, front_depth_m
 from edgetree.measure.edge_lines import OuterLines, fit_lines, outer_lines
+from edgetree.measure.edge_offsets import edge_offsets
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.mask_edges import coarse_edges, fine_edges, realigned
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 from edgetree.measure.settings import reference_px
+from edgetree.measure.surface_ends import surface_ends
 
 # An object in front of a stem is searched for this far from the stem's edge, in half widths or px.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
@@ -42,6 +44,7 @@ class Outline:
         depth_shift_px: (T,) how far the depth lies to the right of the mask; 0 below
             `MIN_INSET_PX`.
         depth_ramp_px: Width of the ramp in the depth at the edges of the stems; 0 for steps.
+        keypoints_inwards_px: How far keypoints of edges lie outside of the edges.
     """
 
     regions: SearchRegions
@@ -52,6 +55,7 @@ class Outline:
     std_px: Float
     depth_shift_px: Float
     depth_ramp_px: float
+    keypoints_inwards_px: float = 0.0
 
     @property
     def smoothed_away(self) -> Bool:
@@ -105,20 +109,29 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     if frame.is_sparse:
         depth = DepthEdges.unknown(found)
     else:
-        depth = find_depth_edges(frame, regions, edges_px, found, front_depth_m(frame, regions))
+        front_m = front_depth_m(frame, regions)
+        depth = find_depth_edges(frame, regions, edges_px, found, front_m)
     # Missing readings alone may be a fault of the depth, so they do not move the edges.
     moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
     found = np.where(moves[..., None], depth.known, found)
-    edges_px -= OUTWARDS * np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
+    inwards_px = np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
+    mask_std_px, keypoints_px = frame.mask_std_px(), 0.0
+    if frame.by_network and not frame.is_sparse:
+        ends = surface_ends(frame, regions, edges_px, depth, front_m)
+        offsets = edge_offsets(regions, depth, ends, moves, mask_std_px)
+        inwards_px += np.where(moves[..., None], 0.0, offsets.inwards_px)
+        mask_std_px, keypoints_px = offsets.std_px, offsets.common_px
+    edges_px -= OUTWARDS * inwards_px
     lines = outer_lines(regions, edges_px, found, depth.behind)
     inside_px = np.where(moves, 0.0, depth.median_px)
     contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
-    std_px = np.hypot(frame.mask_std_px(), np.hypot(inside_px, contradiction_px).max(0))
+    std_px = np.hypot(mask_std_px, np.hypot(inside_px, contradiction_px).max(0))
     # Where edges come from the depth, they may be anywhere in its ramp (the deviation of an even
     # spread). Background that a filter grows into the stem looks like a mask that is too wide, so
     # edges that are moved have the depth's own error, the same on both sides.
     moved = moves.any(0)
-    ramp_px = np.where(moved | (not frame.masks_given), depth.ramp_px / np.sqrt(12), 0.0)
+    apart = frame.masks_given or frame.by_network
+    ramp_px = np.where(moved | (not apart), depth.ramp_px / np.sqrt(12), 0.0)
     std_px = np.hypot(std_px, np.hypot(ramp_px, np.where(moved, np.sqrt(2) * MIN_INSET_PX, 0.0)))
     shift_px = np.where(np.abs(depth.shift_px) >= MIN_INSET_PX, depth.shift_px, 0.0)
     return Outline(
@@ -130,6 +143,7 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
         std_px=std_px,
         depth_shift_px=shift_px,
         depth_ramp_px=depth.ramp_px,
+        keypoints_inwards_px=keypoints_px,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from basetree.errors import InputError
+from edgetree.measure.constants.edges import NETWORK_EDGE_PX
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
 
 _REFERENCE_WIDTH_PX = 1280
@@ -34,6 +35,16 @@ _MAY_BE_0 = ("ground_cover_m", "ground_cover_std_m")
 def reference_px(image_width: int) -> float:
     """Pixels of an image that are as wide as one pixel of an image of 1280 px width."""
     return image_width / _REFERENCE_WIDTH_PX
+
+
+def network_std_px(std_px: float, image_width: int) -> float:
+    """Standard deviation in px of the image, of one in px of an image of 1280 px width.
+
+    A network sees every image at its own input size, so its errors are shares of the width. But
+    where it sees an edge depends on the pixels of the image, too: the least is `NETWORK_EDGE_PX`,
+    or `std_px` if that is smaller.
+    """
+    return max(std_px * reference_px(image_width), min(std_px, NETWORK_EDGE_PX))
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,21 @@ class Taper(NamedTuple):
     taper_cm_per_m: Estimate | Failure
     seen_volume_m3: Estimate | Failure
 
+    def seen_part(self, section: Estimate) -> Estimate:
+        """The diameter at breast height, or in the middle of the part that is seen.
+
+        Args:
+            section: The diameter at the lowest part, whose relative error is the least.
+        """
+        seen = self.dbh_m
+        if not isinstance(seen, Estimate):
+            if not isinstance(self.profile, StemProfile):
+                return section
+            middle = len(self.profile.height_m) // 2
+            values = (self.profile.diameter_m, self.profile.diameter_std_m)
+            seen = Estimate(*(float(each[middle]) for each in values))
+        return Estimate(seen.value, max(seen.std, section.std / section.value * seen.value))
+
 
 class HeightScale(NamedTuple):
     """Heights along the axes of T stems.

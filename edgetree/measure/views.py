@@ -218,6 +218,7 @@ def _turned_view(
         rig=rig,
         rotation=rotation,
         is_sparse=frame.is_sparse,
+        by_network=frame.by_network,
         source=frame,
     )
     boxes_px = np.stack([_extent(view.to_view_px(borders[index])) for index in indices])

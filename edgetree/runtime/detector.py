@@ -255,4 +255,5 @@ class TreeDetector:
             image_height=height,
             unlike=unlike,
             error_factor=self.manifest.error_factor,
+            by_network=True,
         )

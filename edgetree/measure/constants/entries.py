@@ -8,13 +8,14 @@ import re
 from types import ModuleType
 from typing import NamedTuple
 
-from edgetree.measure.constants import depth, ground, outlines, placing, rig, stems
+from edgetree.measure.constants import depth, edges, ground, outlines, placing, rig, stems
 
 TOPICS = {
     "Stems": stems,
     "Ground and vertical": ground,
     "Keypoints and masks": outlines,
     "Depth": depth,
+    "Edges in the depth": edges,
     "Rig": rig,
     "Without depth": placing,
 }

@@ -174,3 +174,7 @@ Source: fitted (inclination-no-vertical)."""
 
 MIN_STEMS_FOR_VERTICAL: Final = 3
 """Fewer other stems tell no direction of a lean. Source: bound, one or two may all lean."""
+
+OWN_RADII: Final = 1.25
+"""Of a stem whose foot is not in the image, readings within so many radii of its axis, and
+`SURFACE_M` more, are of the stem itself. Source: chosen, masks of networks end inside the stem."""

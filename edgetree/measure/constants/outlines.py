@@ -114,6 +114,10 @@ LOWER_SIDE_PX: Final = 10.0
 """A box reaches the lower side of the image if it ends less than this before it.
 Source: chosen by hand."""
 
+MIN_LOWER_SIDE_PX: Final = 5.0
+"""The least of that, in px of the image. Source: chosen, boxes of networks end up to five px before
+the side of an image of 240 px width that cuts their stem off."""
+
 BORDER_KEYPOINT_STDS: Final = 12.0
 """A keypoint so many standard deviations from the lower side may be below the image.
 Source: chosen by hand, networks predict such points far inside."""

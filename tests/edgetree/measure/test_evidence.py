@@ -125,8 +125,18 @@ def test_without_a_mask_there_is_no_visible_share(stand):
     assert tree.evidence.visible_share is None
 
 
-def test_a_cut_below_the_image_is_inferred_with_a_warning(scene, pole):
+def test_a_part_of_a_stem_alone_is_measured_as_it_is(scene, pole):
+    """Without a foot and ground, as a phone sees a stem at breast height, no stump is inferred."""
     stand = scene(pole(0.3, 0.0, 2.0), pitch_deg=-20.0)
+    tree = stand.measure(settings=None)
+    assert tree.evidence.warnings == (
+        "the cut is not in the picture: the diameter is that of the part that is seen",
+    )
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
+
+
+def test_a_cut_below_the_image_is_inferred_with_a_warning(scene, pole):
+    stand = scene(pole(0.3, 0.0, 2.5, top_m=6.0), camera_height_m=1.8, pitch_deg=0.0)
     assert stand.detections().keypoints_px[0, :3, 1].min() > stand.camera.height
     tree = stand.measure(settings=None)
     assert tree.evidence.warnings == (

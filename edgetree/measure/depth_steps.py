@@ -1,0 +1,65 @@
+"""The steps of a depth image: the pixels that share a reading, and those of disparities."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from basetree.arrays import Float, Index
+
+# So many rows are looked at.
+_ROWS = 32
+# A reading fills squares of up to so many pixels. They are found if at least so many neighbours
+# differ, and this share of these differ at the sides of squares.
+_MAX_SIDE, _MIN_CHANGES, _AT_SIDES = 4, 100, 0.98
+# Steps are counted in ranges of depth that each end at this factor times their start, in mm.
+_RANGES_MM = np.unique(np.rint(1000 * 1.08 ** np.arange(36)).astype(np.intp))
+# The step of a range is known if a value in it is so common, in the mean.
+_MIN_COUNT, _MIN_VALUES = 4, 2
+# Steps of disparities grow with the square of the depth: this power or more, in so many ranges.
+# They are told from those of the file format if they are so large, in mm.
+_MIN_POWER, _MIN_RANGES, _MIN_STEP_MM = 1.4, 8, 4.0
+
+
+class DepthSteps(NamedTuple):
+    """The steps of a depth image.
+
+    Attributes:
+        side_px: Side of the squares of pixels that share one reading, as in enlarged depth images.
+        of_disparities: Whether the steps of the depth grow with its square, as those of stereo.
+    """
+
+    side_px: int
+    of_disparities: bool
+
+
+def depth_steps(depth_m: Float) -> DepthSteps:
+    """The steps of a depth image (H, W) in metres."""
+    rows = depth_m[:: max(len(depth_m) // _ROWS, 1)]
+    left, right = rows[:, :-1], rows[:, 1:]
+    changes = ((left != right) & (left > 0) & (right > 0)).sum(0)
+    within = (rows >= _RANGES_MM[0] / 1000) & (rows < _RANGES_MM[-1] / 1000 - 1e-3)
+    return DepthSteps(_side_px(changes), _of_disparities(rows[within]))
+
+
+def _side_px(changes: Index) -> int:
+    """The side of squares, from the number of changes at each column."""
+    for side in range(_MAX_SIDE, 1, -1):
+        at_side = np.bincount(np.arange(len(changes)) % side, changes, side)
+        if at_side.max() >= max(_AT_SIDES * changes.sum(), _MIN_CHANGES):
+            return side
+    return 1
+
+
+def _of_disparities(depth_m: Float) -> bool:
+    """Whether depths (N,) step as disparities do."""
+    counts = np.bincount(np.rint(1000 * depth_m).astype(np.intp), minlength=_RANGES_MM[-1] + 1)
+    number = np.add.reduceat(counts, _RANGES_MM[:-1])
+    values = np.add.reduceat(np.minimum(counts, 1), _RANGES_MM[:-1])
+    known = (number >= _MIN_COUNT * values) & (values >= _MIN_VALUES)
+    if known.sum() < _MIN_RANGES:
+        return False
+    step_mm = (np.diff(_RANGES_MM) / np.maximum(values, 1))[known]
+    power = np.polyfit(np.log(_RANGES_MM[:-1][known]), np.log(step_mm), 1)[0]
+    return bool(power >= _MIN_POWER and np.median(step_mm) >= _MIN_STEP_MM)
