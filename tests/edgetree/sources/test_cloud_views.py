@@ -58,7 +58,7 @@ def test_a_camera_needs_its_place(tmp_path):
 
 
 def test_an_origin_at_the_edge_is_not_the_scanner():
-    place = viewpoint_m(room(origin=(11.0, 11.0, 1.0)))
+    place = viewpoint_m(room(origin=(11.0, 11.0, 0.0)))
     assert np.hypot(*(place[:2] - 11.0)) < 8.0
 
 
