@@ -82,9 +82,7 @@ def test_missing_axes_are_named():
 
 def test_a_cloud_in_millimetres_is_refused():
     cloud = PointCloud(1000 * scan(lambda rays: 5.0 / rays[:, 0]))
-    with pytest.raises(
-        CloudError, match=r"5000 m away: expected metres"
-    ):
+    with pytest.raises(CloudError, match=r"5000 m away: expected metres"):
         depth_of_beams(cloud, CAMERA, RigidTransform(AXES, np.zeros(3)))
 
 
