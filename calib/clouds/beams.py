@@ -14,6 +14,8 @@ from calib.errors import CloudError
 from calib.points import pixels_to_rays, project_points
 from calib.transform import RigidTransform
 
+# A cloud half of whose points in the picture are farther away is in another unit.
+_FARTHEST_MEDIAN_M: Final = 500.0
 # A point this near to the camera is one of the machine.
 _NEAREST_M: Final = 0.2
 # Readings belong to one surface if their inverse depths differ by less than this share.
@@ -86,7 +88,7 @@ def depth_of_beams(
 
     Raises:
         CloudError: If hardly any point is in the picture; the message says whether the inverse
-            transform would bring more.
+            transform would bring more. If the points are too far away for metres.
 
     Examples:
         >>> import numpy as np
@@ -101,6 +103,12 @@ def depth_of_beams(
     if len(points) < _LEAST_BEAMS:
         raise CloudError(_few(cloud, camera, cloud_to_camera, len(points)))
     depth_m = points[:, 2]
+    median_m = float(np.median(depth_m))
+    if median_m > _FARTHEST_MEDIAN_M:
+        raise CloudError(
+            f"half of its points in the picture are more than {median_m:.0f} m away: expected"
+            " metres; these may be millimetres, or the transform is for another frame"
+        )
     spacing = _spacing(xy_px, depth_m)
     hidden = _hidden(xy_px, depth_m, spacing)
     seen_px, seen_m = xy_px[~hidden].astype(np.intp), depth_m[~hidden]

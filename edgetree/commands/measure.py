@@ -24,6 +24,7 @@ from edgetree.commands.options import (
     Right,
     ScoreThreshold,
     check_distances,
+    check_extrinsic,
     check_report,
     model_file,
     model_for,
@@ -108,9 +109,10 @@ class _Inputs:
             )
         if self.mask is not None and self.model is not None:
             raise InputError("--model given with --mask: expected only one")
-        check_distances(self.depth, self.right, self.cloud)
-        has_depth = (self.distances or self.right or depth_alone(image)) is not None
         without_depth = rig_options.references() is not None
+        check_distances(self.depth, self.right, self.cloud, without_depth=without_depth)
+        check_extrinsic(rig_options.extrinsic, image, self.distances)
+        has_depth = (self.distances or self.right or depth_alone(image)) is not None
         if self.mask is not None and not (has_depth or without_depth):
             raise InputError(
                 "--mask given without --depth: expected the depth image to measure in, or"

@@ -191,14 +191,55 @@ def existing_file(text: str | None) -> Path | None:
     return None if text is None or not Path(text).is_file() else Path(text)
 
 
-def check_distances(depth: Path | None, right: Path | None, cloud: Path | None) -> None:
-    """Raise InputError if more than one option says where distances come from."""
+def check_distances(
+    depth: Path | None, right: Path | None, cloud: Path | None, *, without_depth: bool
+) -> None:
+    """Raise InputError if more than one option says where distances come from.
+
+    Args:
+        depth: Value of --depth.
+        right: Value of --right.
+        cloud: Value of --cloud, which is to hold point clouds.
+        without_depth: Whether an option is given that tells sizes without depth.
+    """
     from basetree.errors import InputError
 
     given = {"--depth": depth, "--right": right, "--cloud": cloud}
     named = [name for name, value in given.items() if value is not None]
     if len(named) > 1:
         raise InputError(f"{named[1]} given with {named[0]}: expected one of them")
+    if named and without_depth:
+        raise InputError(
+            f"{named[0]} given with an option for pictures without depth (--camera-height,"
+            " --marker, --scale-bar or --horizon): expected one way to distances"
+        )
+    if cloud is not None:
+        _check_clouds(cloud)
+
+
+def _check_clouds(path: Path) -> None:
+    from basetree.errors import InputError
+    from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
+
+    expected = f"expected a point cloud ({', '.join(CLOUD_SUFFIXES)})"
+    if path.is_dir():
+        if not any(is_cloud_file(each) for each in path.rglob("*")):
+            raise InputError(f"cloud {path} is a folder without clouds: {expected}")
+    elif not path.exists():
+        raise InputError(f"cloud {path} does not exist: {expected}, or a folder of them")
+    elif not is_cloud_file(path):
+        raise InputError(f"cloud {path} is of another kind: {expected}")
+
+
+def check_extrinsic(extrinsic: Path | None, *others: Path | None) -> None:
+    """Raise InputError if --extrinsic is given and none of the other paths may hold clouds."""
+    from basetree.errors import InputError
+    from calib.clouds import is_cloud_file
+
+    if extrinsic is not None and not any(
+        path is not None and (path.is_dir() or is_cloud_file(path)) for path in others
+    ):
+        raise InputError("--extrinsic given without --cloud: expected both")
 
 
 def check_report(path: Path | None) -> None:

@@ -27,6 +27,7 @@ from edgetree.commands.options import (
     Right,
     ScoreThreshold,
     check_distances,
+    check_extrinsic,
     check_report,
     model_file,
     model_for,
@@ -344,7 +345,10 @@ def _check(
         },
     )
     check_report(outputs.report)
-    check_distances(inputs.depth, inputs.right, inputs.cloud)
+    without_depth = rig_options.references() is not None
+    check_distances(inputs.depth, inputs.right, inputs.cloud, without_depth=without_depth)
+    if not is_stream(source):
+        check_extrinsic(rig_options.extrinsic, source if source.is_file() else None, inputs.cloud)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
     if outputs.coco and is_video(source):

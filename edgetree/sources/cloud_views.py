@@ -31,6 +31,9 @@ _EYE_M, _CELL_M, _ROOM_M = 1.6, 1.0, 1.0
 _WITHIN_M: Final = (2.0, 15.0)
 _MOST_CELLS, _SAMPLED_POINTS = 2500, 20_000
 _GROUND_QUANTILE: Final = 0.02
+# A scan reaches around its scanner: each view has this share of the mean of all views at least. Up
+# to this share of its points is on the machine that carries it.
+_LEAST_SHARE, _MACHINE_SHARE = 0.1, 0.05
 
 
 class CloudViews(BaseSource):
@@ -86,17 +89,22 @@ class CloudViews(BaseSource):
         return self
 
     def __next__(self) -> Frame:
-        """The next view; one that shows hardly any point is left out with an error."""
-        if self._next == len(self._views) or self._is_closed.is_set():
-            raise StopIteration
-        name, camera, to_camera = self._views[self._next]
-        self._next += 1
-        assert camera is not None
-        assert to_camera is not None
-        try:
-            beams = depth_of_beams(self._cloud, camera, to_camera)
-        except CloudError as error:
-            raise CloudError(f"cloud {self._path}, view {name}: {error}") from error
+        """The next view; views around a place that show hardly any point are passed over."""
+        while self._next < len(self._views) and not self._is_closed.is_set():
+            name, camera, to_camera = self._views[self._next]
+            self._next += 1
+            assert camera is not None
+            assert to_camera is not None
+            try:
+                return self._frame(name, camera, to_camera)
+            except CloudError as error:
+                if len(self._views) == 1:
+                    raise CloudError(f"cloud {self._path}: {error}") from error
+                _log.warning("view %s shows hardly any point of the cloud: left out", name)
+        raise StopIteration
+
+    def _frame(self, name: str, camera: PinholeCamera, to_camera: RigidTransform) -> Frame:
+        beams = depth_of_beams(self._cloud, camera, to_camera)
         filled_m = grown_across(fill_between(beams.depth_m, beams.spacing), beams.spacing)
         is_dense = max(beams.spacing[:2]) <= _DENSE_PX
         return Frame(
@@ -118,34 +126,47 @@ def viewpoint_m(points_m: Float) -> Float:
         points_m: (N, 3) points, z up.
 
     Returns:
-        (3,) the frame's origin if it is within the cloud and nothing is near it, as in scans in the
-        scanner's frame.
+        (3,) the frame's origin if the cloud lies all around it and little is near it, as in scans
+        in the scanner's frame.
     """
     points = points_m[:: len(points_m) // _SAMPLED_POINTS + 1]
     low, high = points.min(0), points.max(0)
-    if (low < 0).all() and (high > 0).all() and _room_m(points, np.zeros(3)) >= _ROOM_M:
-        return np.zeros(3)
+    origin = np.zeros(3)
+    if _room_m(points, origin, _MACHINE_SHARE) >= _ROOM_M:
+        seen = _seen(points, origin)
+        if seen.min() >= _LEAST_SHARE * seen.mean() > 0 and (low < 0).all() and (high > 0).all():
+            return origin
     cell_m = max(_CELL_M, math.sqrt(float(np.prod(np.maximum(high - low, 1.0)[:2])) / _MOST_CELLS))
-    best, most = np.append(points[:, :2].mean(0), _ground_m(points[:, 2]) + _EYE_M), -1
+    best, most = np.append(points[:, :2].mean(0), _ground_m(points[:, 2]) + _EYE_M), -1.0
     for x in np.arange(low[0] + cell_m / 2, high[0], cell_m):
         for y in np.arange(low[1] + cell_m / 2, high[1], cell_m):
-            apart_m = np.hypot(points[:, 0] - x, points[:, 1] - y)
-            seen = int(((apart_m > _WITHIN_M[0]) & (apart_m < _WITHIN_M[1])).sum())
-            near = points[apart_m < 2 * cell_m, 2]
-            if seen <= most or not len(near):
+            near = points[np.hypot(points[:, 0] - x, points[:, 1] - y) < 2 * cell_m, 2]
+            if not len(near):
                 continue
             place = np.array([x, y, _ground_m(near) + _EYE_M])
-            if _room_m(points, place) >= _ROOM_M:
+            # The square root prefers points on all sides to as many on one.
+            seen = float(np.sqrt(_seen(points, place)).sum())
+            if seen > most and _room_m(points, place) >= _ROOM_M:
                 best, most = place, seen
     return best
+
+
+def _seen(points: Float, place: Float) -> Float:
+    """How many points lie in the direction of each view (6,), at distances that it can measure."""
+    x, y = (points[:, :2] - place[:2]).T
+    apart_m = np.hypot(x, y)
+    within = (apart_m > _WITHIN_M[0]) & (apart_m < _WITHIN_M[1])
+    yaw = np.rint(np.degrees(np.arctan2(y[within], x[within])) / _STEP_DEG).astype(np.intp)
+    count = 360 // _STEP_DEG
+    return np.bincount(yaw % count, minlength=count).astype(np.float64)
 
 
 def _ground_m(heights_m: Float) -> float:
     return float(np.quantile(heights_m, _GROUND_QUANTILE))
 
 
-def _room_m(points: Float, place: Float) -> float:
-    """Distance from a place to the nearest points, but for a few."""
+def _room_m(points: Float, place: Float, but_for: float = 0.001) -> float:
+    """Distance from a place to the nearest points, but for a share of them."""
     apart_m = np.linalg.norm(points - place, axis=1)
-    few = min(len(apart_m) // 1000, len(apart_m) - 1)
+    few = min(int(but_for * len(apart_m)), len(apart_m) - 1)
     return float(np.partition(apart_m, few)[few])

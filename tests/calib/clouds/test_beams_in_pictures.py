@@ -80,6 +80,12 @@ def test_missing_axes_are_named():
         depth_of_beams(cloud, CAMERA, RigidTransform.identity())
 
 
+def test_a_cloud_in_millimetres_is_refused():
+    cloud = PointCloud(1000 * scan(lambda rays: 5.0 / rays[:, 0]))
+    with pytest.raises(CloudError, match=r"5000 m away: expected metres"):
+        depth_of_beams(cloud, CAMERA, RigidTransform(AXES, np.zeros(3)))
+
+
 def test_a_folding_lens_brings_nothing_from_beside_the_picture():
     lens = (-0.3, 0.0, 0.0, 0.0)
     camera = PinholeCamera(640, 480, 500.0, 500.0, 319.5, 239.5, lens)

@@ -55,3 +55,21 @@ def test_a_camera_needs_its_place(tmp_path):
     np.savez(tmp_path / "scan.npz", points=room())
     with pytest.raises(InputError, match="--camera given without --extrinsic for cloud"):
         open_source(tmp_path / "scan.npz", rig=Rig(camera=CAMERA))
+
+
+def test_an_origin_at_the_edge_is_not_the_scanner():
+    place = viewpoint_m(room(origin=(11.0, 11.0, 0.0)))
+    assert np.hypot(*(place[:2] - 11.0)) < 8.0
+
+
+def test_points_of_the_machine_do_not_hide_the_scanner():
+    machine = np.random.default_rng(0).uniform(-0.4, 0.4, (700, 3))
+    assert viewpoint_m(np.concatenate([room(), machine])).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_views_without_points_are_passed_over(tmp_path, caplog):
+    points = room()
+    np.savez(tmp_path / "ahead.npz", points=points[points[:, 0] > 0.5 + 2 * abs(points[:, 1])])
+    frames = list(open_source(tmp_path / "ahead.npz"))
+    assert 0 < len(frames) < 6
+    assert "shows hardly any point of the cloud: left out" in caplog.text
