@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from basetree.arrays import Bool, Float32, Float64, UInt8
+from basetree.arrays import Bool, Float32, Int64, UInt8
 from basetree.errors import InputFileError
 from calib import DepthEncoding, DepthError, Letterbox, encode_depth, read_depth
 from perceptree.data.coco import FrameRecord
@@ -76,11 +76,12 @@ def exact_image(frame: FrameRecord, spec: ModelSpec, box: Letterbox, trees: Bool
     return image
 
 
-def _samples(count: int, scale: float, stride: int, size: int) -> tuple[Float64, Float64]:
+def _samples(count: int, scale: float, stride: int, size: int) -> tuple[Int64, Int64]:
     """Indices of the samples before and after the centres of `count` model pixels."""
     places = ((np.arange(count) + 0.5) / scale - 0.5) / stride
     before, after = np.floor(places + _ALIKE), np.ceil(places - _ALIKE)
-    return tuple(np.clip(each, 0, size - 1).astype(np.int64) for each in (before, after))
+    first, second = (np.clip(each, 0, size - 1).astype(np.int64) for each in (before, after))
+    return first, second
 
 
 def _reduced(least_or_most: np.ufunc, around: list[Float32]) -> Float32:

@@ -115,7 +115,9 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     masks = _masks(frame, trees, spec, box)
     if not frame.reads_exact(spec.modality):
         return Sample(_letterboxed_image(frame, spec), boxes, keypoints, masks, ignored)
-    union = np.zeros((spec.height, spec.width), bool) if masks is None else masks.any(0)
+    union = np.zeros((spec.height, spec.width), bool)
+    for mask in () if masks is None else masks:
+        union |= mask
     image = exact_image(frame, spec, box, union)
     return Sample(image, boxes, keypoints, masks, ignored, exact=True)
 

@@ -73,7 +73,7 @@ def _through_another_camera(
     if sample.masks is not None and len(sample.masks):
         least_m = _REACH * min(float(np.median(depth_m[mask])) for mask in sample.masks)
         if is_drawn(rng, settings.bare_share):
-            depth_m = without_ground(depth_m, sample.masks.any(0))
+            depth_m = without_ground(depth_m, np.asarray(sample.masks.any(0)))
     image, dense = redraw(rng, depth_m, encoding, settings, least_m if least_m < np.inf else 0.0)
     return _with_readings(sample, image, dense, encoding)
 
