@@ -8,7 +8,7 @@ perceptree synth --out data/field-917 --preset field --seed 917 --views 4 --fram
 python -m release.join data/paper-916 data/field-917 --out data/cameras-916
 
 perceptree train data/cameras-916 --mix data/cameras-916 --exact-depth --init $RECIPES/../../checkpoints/edge-n-depth.safetensors --batch 32 --device cuda --precision fp32 --learning-rate 0.001 --seed 49 --evaluate-every 100000 --steps 6000 --out runs/m01
-perceptree train data/cameras-916 --mix data/cameras-916 --exact-depth --branch runs/m01 --batch 32 --device cuda --precision fp32 --learning-rate 0.001 --seed 49 --evaluate-every 100000 --steps 2000 --out runs/m02
+perceptree train data/cameras-916 --mix data/cameras-916 --exact-depth --init runs/m01/best.safetensors --branch runs/m01 --batch 32 --device cuda --precision fp32 --learning-rate 0.001 --seed 49 --evaluate-every 100000 --steps 2000 --out runs/m02
 # Weights rounded to 7 bits, which the int8 file needs.
 perceptree train data/cameras-916 --mix data/cameras-916 --exact-depth --init runs/m02/best.safetensors --batch 32 --device cuda --precision fp32 --learning-rate 0.0002 --weight-bits 7 --seed 50 --evaluate-every 100000 --steps 600 --out runs/m03
 
