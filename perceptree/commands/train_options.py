@@ -44,6 +44,7 @@ class DataOptions:
     ] = None
     certain_m: float | None = None
     crowds_as_trees: bool = False
+    exact_depth: bool = False
     simulate: Annotated[
         int | None,
         typer.Option(
@@ -78,6 +79,7 @@ class DataOptions:
             "entire-tree": self.entire_tree or None,
             "certain": self.certain_m,
             "crowds-as-trees": self.crowds_as_trees or None,
+            "exact-depth": self.exact_depth or None,
             "init-heads": start.init_heads,
         }
         for option, value in others.items():

@@ -77,6 +77,7 @@ class FrameCache:
         self.names: list[str] = record["names"]
         self.skipped = [Skipped(**entry) for entry in record["skipped"]]
         self.has_masks: bool = record["has_masks"]
+        self.exact: bool = record.get("exact", False)
         self._images = _memory_map(folder / _IMAGES).reshape(-1, *record["image_shape"])
         self._masks = _memory_map(folder / _MASKS)
         arrays: dict[str, NDArray[Any]] = {
@@ -94,8 +95,8 @@ class FrameCache:
             if arrays[name].dtype != kind or arrays[name].shape[1:] != row:
                 raise ValueError(f"{name} has another form")
         frames, trees, ignored = len(self._images), len(self._boxes), len(self._ignored)
-        if not isinstance(self.has_masks, bool):
-            raise ValueError("has_masks is not true or false")
+        if not isinstance(self.has_masks, bool) or not isinstance(self.exact, bool):
+            raise ValueError("has_masks or exact is not true or false")
         if len(self.names) != frames or len(self._checksums) != frames:
             raise ValueError("names and checksums are not those of the images")
         if not len(self._keypoints) == len(self._mask_rects) == trees:
@@ -135,7 +136,7 @@ class FrameCache:
         masks = self._unpack(rows, packed, image.shape[:2]) if self.has_masks else None
         boxes, keypoints = self._boxes[rows].copy(), self._keypoints[rows].copy()
         ignored = self._ignored[slice(*self._ignored_starts[index : index + 2].tolist())].copy()
-        return Sample(image, boxes, keypoints, masks, ignored)
+        return Sample(image, boxes, keypoints, masks, ignored, self.exact)
 
     def image(self, index: int) -> UInt8:
         """Return the image of frame `index`, (H, W) or (H, W, 3), without checking it."""
@@ -211,6 +212,7 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
         except OSError:
             stamp = []
         identity = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
+        identity += [frame.exact_stride_px] * frame.reads_exact(spec.modality)
         digest.update(json.dumps(identity).encode())
         for tree in frame.trees:
             digest.update(tree.box_px.tobytes() + tree.keypoints.tobytes())
@@ -287,7 +289,7 @@ class _Writer:
         self._rows["tree_starts"].append(0)
         self._rows["mask_starts"].append(0)
         self._rows["ignored_starts"].append(0)
-        self._has_masks = True
+        self._has_masks, self._exact = True, False
         self.skipped: list[Skipped] = []
 
     def add(self, name: str, sample: Sample) -> None:
@@ -300,6 +302,7 @@ class _Writer:
                 self._pack(np.zeros((1, 1), bool))
         self._masks.write(packed)
         self._names.append(name)
+        self._exact = sample.exact
         self._rows["checksums"].append(zlib.crc32(packed, zlib.crc32(sample.image.tobytes())))
         self._rows["boxes"] += list(sample.boxes.astype(np.float32))
         self._rows["keypoints"] += list(sample.keypoints.astype(np.float32))
@@ -330,6 +333,7 @@ class _Writer:
             "names": self._names,
             "image_shape": self._shape,
             "has_masks": self._has_masks,
+            "exact": self._exact,
             "skipped": [vars(entry) for entry in self.skipped],
         }
         (self._folder / _RECORD).write_text(json.dumps(record), "utf-8")

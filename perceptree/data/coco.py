@@ -60,6 +60,8 @@ class FrameRecord:
         height: Image height in px.
         extra: The fields camera, up_camera, depth_encoding and scene, as far as the file has them.
         trees: Labelled trees.
+        exact_path: 16-bit exact depth of a simulated frame, if any.
+        exact_stride_px: Its file holds every so manieth pixel and row.
     """
 
     image_id: int
@@ -70,6 +72,13 @@ class FrameRecord:
     height: int
     extra: dict[str, Any]
     trees: tuple[TreeRecord, ...]
+    exact_path: Path | None = None
+    exact_stride_px: int = 1
+
+    def reads_exact(self, modality: str) -> bool:
+        """Whether a model of `modality` reads the exact depth; see `with_exact_depth`."""
+        exact = self.exact_path
+        return modality == "depth" and exact is not None and self.depth8_path == exact
 
     def mask(self, tree: TreeRecord) -> Bool:
         """Decode a tree's mask from polygons or run lengths.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from basetree.files.limits import current_limits
 from perceptree.data.entries import Entry, numbers, refuse, whole
 from perceptree.data.names import KeypointMap
-from perceptree.data.pictures import Pictures
+from perceptree.data.pictures import EXACT_FIELD, Pictures
 from perceptree.keypoints import KEYPOINT_NAMES
 
-_FILE_FIELDS = ("file_name", "depth_file", "depth8_file")
+_FILE_FIELDS = ("file_name", "depth_file", "depth8_file", EXACT_FIELD)
+_STRIDE_FIELD = "depth_exact_stride_px"
 _FLAGS = frozenset((0, 1, 2))
 _IN_ORDER = tuple(range(len(KEYPOINT_NAMES)))
 _NOTHING = [0.0] * (3 * len(KEYPOINT_NAMES))
@@ -29,6 +30,8 @@ def check_image(image: Entry, pictures: Pictures) -> bool:
             continue
         if not isinstance(name, str) or not name or "\0" in name or not pictures.find(name, key):
             refuse(image, "image", key, "the path of a file in the dataset's folder")
+    if _STRIDE_FIELD in image and whole(image, "image", _STRIDE_FIELD) < 1:
+        refuse(image, "image", _STRIDE_FIELD, "at least 1 px")
     sized = not image.get("width") and not image.get("height") and pictures.give_size(image)
     for key in ("width", "height"):
         if isinstance(image.get(key), float | str):

@@ -14,7 +14,8 @@ from basetree.arrays import Bool, Float, UInt8
 from basetree.errors import InputFileError
 from basetree.files.reading import orientation_note, read_picture
 from calib import Letterbox
-from perceptree.data.coco import FrameRecord
+from perceptree.data.coco import FrameRecord, TreeRecord
+from perceptree.data.exact import exact_image
 from perceptree.data.orientation import as_labelled
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
@@ -30,6 +31,7 @@ class Sample:
         keypoints: (N, 5, 3) x, y, COCO visibility flag.
         masks: (N, H, W) bool; None if the data has none.
         ignored: (M, 4) x0, y0, x1, y1 of ignored regions: neither trees nor background.
+        exact: Whether the image is exact depth, on which a training draws cameras.
     """
 
     image: UInt8
@@ -37,6 +39,7 @@ class Sample:
     keypoints: Float
     masks: Bool | None
     ignored: Float = field(default_factory=lambda: np.zeros((0, 4)))
+    exact: bool = False
 
     def targets(self) -> TreeTargets:
         """Return the labels as float32 training targets."""
@@ -101,7 +104,7 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     Raises:
         DatasetError: If a file is missing or broken, or has another size or depth encoding.
     """
-    image, box = _letterboxed_image(frame, spec), _letterbox(frame, spec)
+    box = _letterbox(frame, spec)
     trees = [tree for tree in frame.trees if not tree.ignored]
     boxes, ignored = (
         np.array([tree.box_px * np.tile(box.scale, 2) for tree in some]).reshape(-1, 4)
@@ -109,14 +112,28 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     )
     keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()
     keypoints[..., :2] = box.to_model(keypoints[..., :2])
+    masks = _masks(frame, trees, spec, box)
+    if not frame.reads_exact(spec.modality):
+        return Sample(_letterboxed_image(frame, spec), boxes, keypoints, masks, ignored)
+    union = np.zeros((spec.height, spec.width), bool)
+    for mask in () if masks is None else masks:
+        union |= mask
+    image = exact_image(frame, spec, box, union)
+    return Sample(image, boxes, keypoints, masks, ignored, exact=True)
+
+
+def _masks(
+    frame: FrameRecord, trees: Sequence[TreeRecord], spec: ModelSpec, box: Letterbox
+) -> Bool | None:
+    """The (N, H, W) masks of some trees in model px; None if one has no segmentation."""
     if any(tree.segmentation is None for tree in trees):
-        return Sample(image, boxes, keypoints, None, ignored)
+        return None
     masks = np.zeros((len(trees), spec.height, spec.width), bool)
     limit = _half_or_more(spec.height, spec.width)
     for row, tree in enumerate(trees):
         grey = frame.mask(tree).astype(np.uint8) * np.uint8(255)
         masks[row] = box.apply(grey, 0) > limit
-    return Sample(image, boxes, keypoints, masks, ignored)
+    return masks
 
 
 def _half_or_more(height: int, width: int) -> UInt8:

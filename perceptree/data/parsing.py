@@ -182,8 +182,10 @@ class Parser:
             if extra.get(name) == value:  # frames share equal objects, such as one camera
                 extra[name] = value
         self._last_extra = extra
-        paths = self._pictures.of(image)
-        return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
+        paths, size = self._pictures.of(image), (image["width"], image["height"])
+        exact = self._pictures.exact(image)
+        stride = image.get("depth_exact_stride_px", 1)
+        return FrameRecord(image["id"], *paths, *size, extra, trees, exact, stride)
 
     def _check_tree(self, annotation: Entry, image: Entry, found: list[_TreeEntry]) -> None:
         """Add an annotation to `found` if it is a tree with content.

@@ -24,6 +24,7 @@ _SAMPLED_IMAGES = 3
 _SEPARATORS = re.compile(r"[/\\]")
 _MOST_FOLDERS = 8  # at the end of a name
 _DEPTH_FIELDS = ("depth_file", "depth8_file")
+EXACT_FIELD = "depth_exact_file"
 
 
 class Pictures:
@@ -89,6 +90,11 @@ class Pictures:
             for field in _DEPTH_FIELDS
         )
         return colour, depth, depth8
+
+    def exact(self, image: dict[str, Any]) -> Path | None:
+        """Return the path of an image's exact depth, which simulated frames have."""
+        name = image.get(EXACT_FIELD)
+        return None if name is None else self.find(name, EXACT_FIELD)
 
     def give_size(self, image: dict[str, Any]) -> bool:
         """Give an image the size that its file's header states; return whether there is one."""

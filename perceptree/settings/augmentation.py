@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from basetree.settings import UNORDERED, Settings, limits
+from perceptree.settings.cameras import CameraSettings
 
 _SHARE = limits(0, 1)
 _COUNT = limits(0, whole=True)
@@ -126,7 +127,7 @@ class DepthSettings(Settings):
 
 
 @dataclass(frozen=True)
-class AugmentSettings(GeometrySettings, ColourSettings, DepthSettings):
+class AugmentSettings(GeometrySettings, ColourSettings, DepthSettings, CameraSettings):
     """Strengths of all changes; each change is drawn anew and uniformly for every frame.
 
     Colours change for RGB models, readings for depth models. 0 turns a change off.

@@ -156,6 +156,9 @@ class DataSource(Settings):
     crowds_as_trees: bool = field(default=False, metadata=option("--crowds-as-trees"))
     """Take run lengths with iscrowd 1 as trees, as CVAT writes masks painted with a brush; by
     default only those with keypoints."""
+    exact_depth: bool = field(default=False, metadata=option("--exact-depth"))
+    """Learn from the exact depth of simulated frames, on which each step draws another depth
+    camera; val and the dataset that is mixed in keep their own depth."""
 
 
 @dataclass(frozen=True)

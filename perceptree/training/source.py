@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from basetree.errors import SettingsError
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
 from perceptree.data.dividing import DEFAULT_SHARES, divide
 from perceptree.data.entries import EntryError
+from perceptree.data.exact import with_exact_depth
 from perceptree.data.grading import ignored_note
 from perceptree.data.layouts import is_undivided
 from perceptree.errors import DatasetError
@@ -88,11 +90,22 @@ def open_data(
     mixed = (
         []
         if source.mix is None
-        else [replace(source, directory=source.mix, mix=None, fold=None, entire_tree=False)]
+        else [
+            replace(
+                source,
+                directory=source.mix,
+                mix=None,
+                fold=None,
+                entire_tree=False,
+                exact_depth=False,
+            )
+        ]
     )
     sources = [source, *mixed]
     val = _labelled(source, "val", preparing, engine)
     trains = [_labelled(each, "train", preparing, engine) for each in sources]
+    if source.exact_depth:
+        trains[0] = _exact(trains[0], spec)
     folders = [
         _cache_folder(each, train, spec, engine, mixed=number > 0)
         for number, (each, train) in enumerate(zip(sources, trains, strict=True))
@@ -115,6 +128,13 @@ def open_data(
         },
         certain_m,
     )
+
+
+def _exact(train: Dataset, spec: ModelSpec) -> Dataset:
+    """The dataset with exact depth in place of the measured one."""
+    if spec.modality != "depth":
+        raise SettingsError("exact depth is for depth models: expected no --exact-depth for rgb")
+    return replace(train, frames=with_exact_depth(train.frames))
 
 
 def _labelled(source: DataSource, split: str, preparing: Preparing, engine: Engine) -> Dataset:
@@ -209,4 +229,6 @@ def _cache_folder(
     name = f"{train.labels.path.stem}-{spec.modality}-{spec.width}x{spec.height}"
     if source.certain_m is not None:
         name += f"-certain-{source.certain_m:g}"
+    if source.exact_depth:
+        name += "-exact"
     return parent / (f"mixed-{name}" if mixed and engine.cache is not None else name)

@@ -27,6 +27,7 @@ PROGRAMS = {
     "perceptree": typer.main.get_command(perceptree_app),
 }
 VALUES = {"RECIPES": str(ROOT / "release/recipes"), "TEXTURES": "photographs"}
+NOT_SHIPPED = ("edge-n-depth-cameras",)
 COMMANDS = [
     (name, number, words)
     for name in names()
@@ -112,8 +113,8 @@ def results(words: list[str]) -> set[str]:
 def test_the_recipes_simulate_the_seeds_of_the_cards() -> None:
     simulated = {
         int(words[words.index("--seed") + 1])
-        for _, _, words in COMMANDS
-        if words[1] == "synth" and "--seed" in words
+        for name, _, words in COMMANDS
+        if words[1] == "synth" and "--seed" in words and name not in NOT_SHIPPED
     }
     told = {
         entry["seed"] for path in CARDS for entry in json.loads(path.read_text())["training_scenes"]

@@ -68,7 +68,9 @@ def disturb_depth(
     faulty = _quantise_and_limit(rng, faulty, encoding, settings)
     lost: list[Bool] = []
     if settings.stereo_px_m:
-        lost.append(_stereo_occlusion(image, metres_of, uniform_up_to(rng, settings.stereo_px_m)))
+        stereo_px_m = np.float32(uniform_up_to(rng, settings.stereo_px_m))
+        disparity = np.asarray(cv2.LUT(image, stereo_px_m / metres_of), np.float32)
+        lost.append(hidden_from_right(disparity))
     if settings.edge_loss_px:
         lost.append(_edge_loss(rng, image, metres_of, int(rng.integers(settings.edge_loss_px + 1))))
     if settings.hole_area:
@@ -131,14 +133,16 @@ def _map_levels(image: UInt8, metres: Float32, encoding: DepthEncoding) -> UInt8
     return np.asarray(cv2.LUT(image, table), np.uint8)
 
 
-def _stereo_occlusion(image: UInt8, metres_of: Float32, stereo_px_m: float) -> Bool:
+def hidden_from_right(disparity_px: Float32) -> Bool:
     """Return the (H, W) pixels of a stereo pair's left image that the right camera cannot see.
 
     A point at column x appears at x - f b / z in the right image. It is occluded by any point from
     further right in the left image that appears at its column or left of it.
+
+    Args:
+        disparity_px: (H, W) float32 f b / z; 0 where nothing is near.
     """
-    right_px = np.asarray(cv2.LUT(image, -np.float32(stereo_px_m) / metres_of), np.float32)
-    right_px += np.arange(image.shape[1], dtype=np.float32)
+    right_px = np.arange(disparity_px.shape[1], dtype=np.float32) - disparity_px
     right_px = np.asarray(cv2.flip(right_px, 1), np.float32)
     limit_px = np.minimum.accumulate(right_px, axis=1) + np.float32(_OCCLUSION_TOLERANCE_PX)
     return np.asarray(cv2.flip(cv2.compare(right_px, limit_px, cv2.CMP_GT), 1) > 0)

@@ -156,18 +156,21 @@ def draw_transform(
     return Transform(width, height, window, source, target, mirrored, warp)
 
 
-def transform_sample(sample: Sample, transform: Transform, pad_value: int) -> Sample:
+def transform_sample(
+    sample: Sample, transform: Transform, pad_value: int, nearest: bool = False
+) -> Sample:
     """Transform image and labels; trees of which too little remains are removed.
 
     Args:
         sample: The frame.
         transform: The transform.
         pad_value: Grey value where the image is empty.
+        nearest: Take the nearest pixel of the image instead of interpolating.
     """
     if transform.is_identity:
         return sample
     matrix = transform.matrix
-    image = transform.apply(sample.image, pad_value, nearest=False)
+    image = transform.apply(sample.image, pad_value, nearest)
     if sample.masks is None:
         boxes, kept = transform_boxes(
             sample.boxes, matrix, transform.window, transform.width, transform.height

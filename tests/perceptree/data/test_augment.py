@@ -76,7 +76,7 @@ def test_without_changes_the_sample_is_the_same(posts: Path) -> None:
         store = store_of(posts, modality)
         sample = augment(np.random.default_rng(0), store[1], store.spec, STILL)
         for name, value in vars(store[1]).items():
-            assert (getattr(sample, name) == value).all()
+            assert np.array_equal(getattr(sample, name), value)
 
 
 def test_the_result_depends_on_the_generator_alone(posts: Path) -> None:

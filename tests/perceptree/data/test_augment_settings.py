@@ -14,7 +14,7 @@ from perceptree.data.augment import PAPER_AUGMENT
 NUMBERS = [
     entry.name
     for entry in dataclasses.fields(AugmentSettings)
-    if not isinstance(entry.default, tuple)
+    if isinstance(entry.default, int | float)
 ]
 
 
@@ -40,11 +40,20 @@ def test_negative_and_nan_strengths_are_rejected(name: str) -> None:
         ("holes", 2.5),
         ("jpeg_quality", (30, 101)),
         ("copy_paste_share", 2),
+        ("camera_zoom", (4, 1)),
+        ("camera_width_px", (0, 640)),
+        ("portrait_share", 2),
     ],
 )
 def test_strengths_out_of_range_are_rejected(name: str, value: Any) -> None:
     with pytest.raises(SettingsError, match=rf"{name} is .*: expected"):
         AugmentSettings(**{name: value})
+
+
+@pytest.mark.parametrize("kinds", [{"radar": 1.0}, {"stereo": 0.0}, {"tof": -1.0}])
+def test_kinds_of_cameras_are_checked(kinds: dict[str, float]) -> None:
+    with pytest.raises(SettingsError, match=r"camera_kinds.*: expected"):
+        AugmentSettings(camera_kinds=kinds)
 
 
 def test_the_papers_crop_is_square() -> None:
