@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -251,7 +253,9 @@ def measure(
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
-        for line in table_lines(measurements_of(result), result.found.numbers, result.pixel_sizes):
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        numbers, sizes = result.found.numbers, result.pixel_sizes
+        for line in table_lines(measurements_of(result), numbers, sizes, width=width):
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
@@ -262,18 +266,15 @@ def measure(
         note(f"unlike the training pictures: {words}")
     files = {"picture": outputs.out, "table": outputs.csv, "profiles": outputs.profiles}
     note_files({**files, "report": outputs.report})
-    given = _words(inputs, mask=True)
-    options = f"{quoted(image)}{rig_options.words(depth, camera)}{given}"
+    options = f"{quoted(image)}{rig_options.words(depth, camera)}{_words(inputs)}"
     stem = quoted(image.stem)
     if outputs.out is None:
         note(f"next: edgetree measure {options} --out {stem}_trees.jpg")
     elif outputs.csv is None:
         note(f"next: edgetree measure {options} --csv {stem}_trees.csv")
     else:
-        others = replace(inputs, cloud=None)
-        options = f"{rig_options.words(None, camera)}{_words(others, mask=False)}"
-        kind = "--cloud CLOUDS" if inputs.cloud else "--depth DEPTHS"
-        note(f"next: edgetree run FRAMES {kind}{options} --csv trees.csv")
+        options = f"{rig_options.words(None, camera)}{_words(inputs, kind_only=True)}"
+        note(f"next: edgetree run FRAMES{options} --csv trees.csv")
 
 
 def _record(
@@ -297,12 +298,16 @@ def _record(
     }
 
 
-def _words(inputs: _Inputs, *, mask: bool) -> str:
-    """The options that say how trees are found, as they would be typed on the command line."""
-    given = {
-        "right": inputs.right,
-        "cloud": inputs.cloud,
-        "model": inputs.model,
-        "mask": inputs.mask if mask else None,
-    }
+def _words(inputs: _Inputs, *, kind_only: bool = False) -> str:
+    """The options about input and model, but for --depth, as typed on the command line.
+
+    Args:
+        inputs: The options.
+        kind_only: Whether what names a file beside the image becomes a word for many of them.
+    """
+    given: dict[str, object] = {"right": inputs.right, "cloud": inputs.cloud}
+    if kind_only:
+        given = {name: f"{name.upper()}S" for name, value in given.items() if value}
+        given |= {} if inputs.depth is None else {"depth": "DEPTHS"}
+    given |= {"model": inputs.model, "mask": None if kind_only else inputs.mask}
     return "".join(f" --{name} {quoted(value)}" for name, value in given.items() if value)

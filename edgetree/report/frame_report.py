@@ -15,6 +15,7 @@ from typing import Final
 
 import cv2
 
+from basetree.counts import counted
 from basetree.files.writing import text_file
 from basetree.page import parts
 from edgetree.drawing.primitives import Picture
@@ -106,7 +107,7 @@ class _Totals:
                 measured += 1
             if isinstance(tree.dbh_m, Estimate):
                 self._dbhs_m.append(tree.dbh_m.value)
-        words = f"{_count(len(result.trees), 'tree')}, {measured} with a diameter"
+        words = f"{counted(len(result.trees), 'tree')}, {measured} with a diameter"
         if result.frame.depth_fault is not None:
             words += f"; {result.frame.depth_fault}"
         if result.trees.unlike is not None:
@@ -183,13 +184,9 @@ class _Totals:
         """What is not in the report, with the reasons."""
         if not reasons:
             return ""
-        count = f"{_count(len(reasons), 'frame')} left out" if self._whole else "Left out"
+        count = f"{counted(len(reasons), 'frame')} left out" if self._whole else "Left out"
         lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
         return parts.heading(count) + f"<ul>{lines}</ul>"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _embedded(picture: Picture) -> parts.Jpeg:

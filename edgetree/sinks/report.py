@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from basetree.counts import counted
 from basetree.files.growing import keep_older
 from basetree.files.reading import decode_image
 from edgetree.frames.pipeline import FoundTrees, FrameResult
@@ -118,7 +119,8 @@ class StemReportSink(FileSink["LiveResult"]):
             older = self._forgotten - self._stems.keys()
             if older:
                 left_out.append(
-                    f"{len(older)} older stem(s): this page has the {_MOST_PICTURES} newest"
+                    f"{counted(len(older), 'older stem')}: this page has the"
+                    f" {_MOST_PICTURES} newest"
                     " pictures, the map and the table of --map and --csv have all stems"
                 )
             if self._keeps_older:
