@@ -13,7 +13,7 @@ import typer
 
 from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
-from edgetree.commands.option_groups import RigOptions, SessionOptions
+from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
     Cloud,
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
+    from edgetree.report import ReportHead
     from edgetree.runtime.detector import TreeDetector
 
 _Image: TypeAlias = Annotated[
@@ -174,7 +175,7 @@ class _Outputs:
     profiles: Profiles = None
     report: Report = None
 
-    def write(self, result: FrameResult, source: str, trees_from: str) -> None:
+    def write(self, result: FrameResult, source: str, trees_from: str, head: ReportHead) -> None:
         """Write the picture, the tables and the report; if one fails, none is written."""
         from basetree.files.writing import replacing
         from edgetree.results.csv_table import PROFILES, TREES
@@ -187,7 +188,8 @@ class _Outputs:
             if self.profiles is not None:
                 stack.enter_context(CsvSink(self.profiles, PROFILES)).write(result)
             if self.report is not None:
-                stack.enter_context(ReportSink(self.report, source, trees_from)).write(result)
+                report = ReportSink(self.report, source, trees_from, head=head)
+                stack.enter_context(report).write(result)
             if self.out is not None:
                 picture = stack.enter_context(replacing(self.out))
                 picture.write(encode_picture(draw_frame(result), self.out.suffix.lower()))
@@ -201,6 +203,7 @@ def measure(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    report_options: ReportOptions,
     session: SessionOptions,
     shards: ShardOptions,
     as_json: Json = False,
@@ -233,6 +236,7 @@ def measure(
             **rig_options.files(camera),
         },
     )
+    head = report_options.head(outputs.report)
     cloud = image if is_cloud_file(image) else None  # which depth models see
     model = model_for(inputs.model, depth or inputs.right or cloud or depth_alone(image))
     if shards.are_given:
@@ -249,7 +253,7 @@ def measure(
         trees_from = {"model": model_record(detector, model_path)}
         trees_from_words = f"the model {model_path.name}"
     result = inputs.process(image, detector, rig, settings, pair)
-    outputs.write(result, str(image), trees_from_words)
+    outputs.write(result, str(image), trees_from_words, head)
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:

@@ -14,7 +14,7 @@ import typer
 from basetree.program.console import note, print_json
 from basetree.program.options import expand_groups
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
-from edgetree.commands.option_groups import RigOptions, SessionOptions
+from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
     Camera,
     Cloud,
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
+    from edgetree.report import ReportHead
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
     from edgetree.sources.source import FrameSource
@@ -156,6 +157,7 @@ class _Outputs:
         model: str,
         score_threshold: float,
         reasons: list[str],
+        head: ReportHead,
     ) -> None:
         """Open the files but for the JSON lines.
 
@@ -165,6 +167,7 @@ class _Outputs:
             model: Name of the model file.
             score_threshold: Lowest score of trees.
             reasons: Why frames are left out, for the report.
+            head: Title, place and area of the report.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
@@ -181,7 +184,7 @@ class _Outputs:
             "out": lambda path: sinks.PicturesSink(path),
             "profiles": lambda path: sinks.CsvSink(path, PROFILES),
             "coco": lambda path: sinks.CocoSink(path, model, score_threshold),
-            "report": lambda path: sinks.ReportSink(path, named, words, reasons),
+            "report": lambda path: sinks.ReportSink(path, named, words, reasons, head),
             "map": map_sink,
         }
         for name, make in makers.items():
@@ -209,6 +212,7 @@ def run(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    report_options: ReportOptions,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     shards: ShardOptions,
@@ -241,6 +245,7 @@ def run(
     from edgetree.sources.videos import is_picture
 
     _check(source, inputs, rig_options, outputs, shards)
+    head = report_options.head(outputs.report)
     cloud = source if is_cloud_file(source) else None  # which depth models see
     depth = inputs.depth or inputs.right or cloud or depth_inside(source) or depth_alone(source)
     model = model_for(inputs.model, depth)
@@ -271,7 +276,7 @@ def run(
                     else JsonLinesSink(lines, record, grows=False)
                 ),
             )
-        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons)
+        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons, head)
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 

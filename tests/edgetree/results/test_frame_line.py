@@ -31,7 +31,9 @@ def line(diameters_m: list[float | None], *, measured: bool = True) -> str:
         for value in diameters_m
     ]
     found = FoundTrees.detected(trees)
-    return frame_line(FrameResult(Frame("a", None, None), found, values if measured else None, None))
+    return frame_line(
+        FrameResult(Frame("a", None, None), found, values if measured else None, None)
+    )
 
 
 @pytest.mark.parametrize(
