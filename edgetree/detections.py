@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.counts import counted
 from basetree.errors import InputError, MissingPackage
 from calib import paste_mask
 
@@ -133,7 +134,10 @@ class TreeDetections:
         parts = ("keypoints", self.keypoints_px), ("masks", self.masks)
         held = " and ".join(name for name, array in parts if array is not None)
         size = f"{self.image_width}x{self.image_height} px"
-        return f"<TreeDetections: {len(self)} trees in {size}{span}, with {held or 'boxes alone'}>"
+        return (
+            f"<TreeDetections: {counted(len(self), 'tree')} in {size}{span}, with"
+            f" {held or 'boxes alone'}>"
+        )
 
     def select(self, index: _Index) -> TreeDetections:
         """The trees selected by a slice, a (N,) bool array or an array of indices."""

@@ -7,6 +7,7 @@ import time
 from contextlib import suppress
 from typing import TextIO
 
+from basetree.counts import counted
 from basetree.errors import one_line
 
 _TERMINAL_S, _LINES_S = 0.5, 60.0
@@ -45,7 +46,7 @@ class Progress:
         self._start_s = time.monotonic()
         self._next_s = self._start_s + (_TERMINAL_S if self._terminal else _LINES_S)
         if done:
-            self.say(f"{done} of {total} frames are finished from an earlier run")
+            self.say(f"{done} of {counted(total, 'frame')} are finished from an earlier run")
 
     def add(self, frames: int, busy_s: float) -> None:
         """Count a finished unit.
@@ -69,7 +70,7 @@ class Progress:
 
     def line(self) -> str:
         """What is shown: frames, rate, cost and time left."""
-        text = f"{self._doing}: {self._done} of {self._total} frames"
+        text = f"{self._doing}: {self._done} of {counted(self._total, 'frame')}"
         new, taken_s = self._done - self._earlier, time.monotonic() - self._start_s
         if new <= 0 or taken_s <= 0:
             return text

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Float
+from basetree.counts import counted
 from calib.boards.coverage import Coverage, coverage_of
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.robust import solve_robustly
@@ -77,7 +78,7 @@ def _too_few(
 ) -> CalibrationFailure:
     agreeing = " that agree with each other" if dropped else ""
     return CalibrationFailure(
-        f"{count} views of the board{agreeing}, expected at least {MIN_VIEWS}",
+        f"{counted(count, 'view')} of the board{agreeing}, expected at least {MIN_VIEWS}",
         (*([told] if told else []), _TAKE_MORE),
         dropped,
     )

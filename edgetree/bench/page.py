@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+from basetree.counts import counted
 from basetree.page import parts
 from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
 from edgetree.bench.result import notes, size_text
@@ -63,7 +64,7 @@ def page_html(result: Record) -> Iterator[str]:
 
 
 def _label(row: Record) -> str:
-    text = f"{row['name']} {row['precision']} {size_text(row)}, {row['threads']} thread(s)"
+    text = f"{row['name']} {row['precision']} {size_text(row)}, {counted(row['threads'], 'thread')}"
     return text if row["batch"] == 1 else f"{text}, batch {row['batch']}"
 
 
@@ -73,7 +74,7 @@ def _front_points(rows: Sequence[Record]) -> Iterator[tuple[str, float, float]]:
     for row in rows:
         ap = (row.get("accuracy") or {}).get("box_ap")
         if row["batch"] == 1 and ap is not None:
-            threads = f", {row['threads']} thread(s)" if several else ""
+            threads = f", {counted(row['threads'], 'thread')}" if several else ""
             yield f"{row['name']}{threads}", row["p50_ms"], ap
 
 

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from basetree.counts import counted
 from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
 from edgetree.results.csv_cells import text_cell
@@ -142,7 +143,10 @@ def notes(result: Record) -> Iterator[str]:
         found = ", ".join(
             f"{kind} {value:.0f}" for kind, value in peak.items() if value is not None
         )
-        yield f"Peak of this machine with {count} thread(s), 10^9 multiply-adds a second: {found}."
+        yield (
+            f"Peak of this machine with {counted(count, 'thread')}, 10^9 multiply-adds a"
+            f" second: {found}."
+        )
     sources = {
         f"{row['accuracy']['source']} ({row['accuracy']['frames']})"
         for row in result["rows"]

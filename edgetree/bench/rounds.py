@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from basetree.counts import counted
 from basetree.errors import CheckFailed, InputError
 from basetree.program.python import run_python
 from basetree.settings import Settings, label, limits
@@ -46,7 +47,7 @@ class Variant:
 
     def __str__(self) -> str:
         """The variant in progress messages."""
-        return f"{self.name}, {self.threads} thread(s), batch {self.batch}"
+        return f"{self.name}, {counted(self.threads, 'thread')}, batch {self.batch}"
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: 
     details: dict[tuple[Path, int], Record] = {}
     for variant in variants:
         if (variant.path, variant.threads) not in details:
-            say(f"cost and stages: {variant.name}, {variant.threads} thread(s)")
+            say(f"cost and stages: {variant.name}, {counted(variant.threads, 'thread')}")
             details[variant.path, variant.threads] = _run(settings.job("detail", variant))
     rounds: list[list[Record]] = [[] for _ in variants]
     for number in range(1, settings.rounds + 1):

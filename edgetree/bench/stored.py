@@ -8,6 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from basetree.counts import counted
 from basetree.files.json import read_json
 from edgetree.bench.result import SCHEMA
 
@@ -63,7 +64,7 @@ class StoredRow:
         width, height = self.input_px
         return (
             f"{self.name} {self.precision} {width}x{height} {self.provider},"
-            f" {self.threads} thread(s), batch {self.batch}"
+            f" {counted(self.threads, 'thread')}, batch {self.batch}"
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from textwrap import wrap
 from typing import Any, Final
 
+from basetree.counts import counted
 from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import paper_lines
 from edgetree.bench.result import notes, size_text
@@ -79,7 +80,9 @@ def _stages(row: Record) -> Iterator[str]:
     operators = ", ".join(
         f"{each['operator']} {each['ms']:.1f}" for each in row["operators"][:_OPERATORS]
     )
-    heading = f"{row['name']} {row['precision']} {size_text(row)}, {row['threads']} thread(s)"
+    heading = (
+        f"{row['name']} {row['precision']} {size_text(row)}, {counted(row['threads'], 'thread')}"
+    )
     yield f"  {heading}"
     yield from _wrapped(parts, "    ")
     yield from _wrapped(f"operators: {operators}", "    ")

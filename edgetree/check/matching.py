@@ -11,6 +11,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from basetree.arrays import Float64
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.matching import match_greedily
 from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
@@ -78,7 +79,7 @@ def match_stems(measured: MeasuredTable, caliper: CaliperTable, max_distance_m: 
         pairs, ambiguous = _by_position(caliper, frames, points, _VERTICAL[by], max_distance_m)
     if not pairs and not ambiguous:
         raise InputError(
-            f"{caliper.source}: none of its {len(caliper.stems)} stems is in {measured.source}:"
+            f"{caliper.source}: none of its stems ({len(caliper.stems)}) is in {measured.source}:"
             " expected "
             + (
                 "its frames and tree numbers"
@@ -99,7 +100,9 @@ def match_stems(measured: MeasuredTable, caliper: CaliperTable, max_distance_m: 
 def _check_unique(source: str, names: Iterable[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
-            raise InputError(f"{source}: {name} occurs {count} times: expected each stem once")
+            raise InputError(
+                f"{source}: {name} occurs {counted(count, 'time')}: expected each stem once"
+            )
 
 
 def _frames_of(measured: MeasuredTable, caliper: CaliperTable) -> dict[int, str]:

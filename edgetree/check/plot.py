@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from basetree.counts import counted
 from basetree.page.axis import Axis
 from edgetree.check.comparison import Comparison
 from edgetree.check.quantities import OUTLIER_STDS, QuantityCheck
@@ -122,7 +123,9 @@ class _Canvas:
     def legend(self, check: QuantityCheck) -> None:
         """Explain bars, colours and lines in one row at the top."""
         count, left_out = len(check.outliers), len(check.gross_errors)
-        self.text(f"{len(check.comparisons)} stems; bars: 95 % intervals", _LEFT, 30, 0.0)
+        self.text(
+            f"{counted(len(check.comparisons), 'stem')}; bars: 95 % intervals", _LEFT, 30, 0.0
+        )
         text = f"outliers: {count}" + (f", left out: {left_out}" if left_out else "")
         self.text(text, _LEFT + _PANEL, 30, 1.0, _OUTLIER if count or left_out else _INK)
         bias = f"green line: mean error {check.bias_m * 100:+.2f} cm"

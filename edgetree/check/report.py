@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from textwrap import wrap
 from typing import Final
 
+from basetree.counts import counted
 from edgetree.check.acceptance import CheckResult
 from edgetree.check.comparison import Comparison
 from edgetree.check.error_fit import ErrorFit
@@ -49,7 +50,8 @@ def report_lines(result: CheckResult) -> Iterator[str]:
     verdict = result.verdict
     if verdict.missed.count:
         yield (
-            f"{verdict.missed.count} of {verdict.missed.total} stems of the caliper have no"
+            f"{verdict.missed.count} of {counted(verdict.missed.total, 'stem')} of the"
+            " caliper have no"
             " diameter of the machine"
         )
     for reason in verdict.reasons:
@@ -59,7 +61,7 @@ def report_lines(result: CheckResult) -> Iterator[str]:
 
 
 def _matching_lines(matching: Matching, limit_m: float) -> Iterator[str]:
-    yield f"{len(matching.pairs)} stems matched {_BY[matching.by].format(limit=limit_m)}"
+    yield f"{counted(len(matching.pairs), 'stem')} matched {_BY[matching.by].format(limit=limit_m)}"
     pairs = [f"{each.caliper.name} and {each.measured.name}" for each in matching.ambiguous]
     yield from _names("left out, because another stem is about as near", pairs)
     yield from _names(
@@ -83,7 +85,7 @@ def _wrapped(text: str) -> list[str]:
 
 def _quantity_lines(check: QuantityCheck, power: Power | None) -> Iterator[str]:
     name = QUANTITY_NAMES[check.quantity]
-    yield f"{name}: {len(check.comparisons)} stems"
+    yield f"{name}: {counted(len(check.comparisons), 'stem')}"
     yield _line("mean error", _bias_text(check))
     share, mean_cm = check.rmse_share, check.mean_m * 100
     of_mean = "" if share is None else f", {share * 100:.1f} % of the mean of {mean_cm:.1f} cm"
@@ -121,7 +123,7 @@ def _bias_text(check: QuantityCheck) -> str:
 
 def _power_text(power: Power) -> str:
     seen = (
-        f"with {power.stems} stems, a bias of {SMALL_BIAS * 100:g} % would be seen in"
+        f"with {counted(power.stems, 'stem')}, a bias of {SMALL_BIAS * 100:g} % would be seen in"
         f" {power.small_bias * 100:.0f} of 100 cases"
     )
     if power.small_bias >= WANTED_POWER:
@@ -159,7 +161,7 @@ def _fit_lines(fit: ErrorFit | Failure) -> Iterator[str]:
     if isinstance(fit, Failure):
         yield from _wrapped(f"stated errors not fitted: {fit.reason}")
         return
-    yield f"stated errors of the diameter, fitted to {fit.coverage_before.total} stems:"
+    yield f"stated errors of the diameter, fitted to {counted(fit.coverage_before.total, 'stem')}:"
     yield _line("scale", f"{fit.scale.value:.3f} ± {fit.scale.std:.3f}, {_scale_words(fit)}")
     yield _line("factor", f"{fit.factor.value:.2f} ± {fit.factor.std:.2f}, {_factor_words(fit)}")
     yield _line("intervals as stated", f"hold {_share_text(fit.coverage_before)}")

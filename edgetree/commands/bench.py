@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import note, print_found
 from basetree.program.options import expand_groups, given
 from edgetree.commands.bench_options import BenchFiles, MeasureOptions, NetworkOptions
@@ -169,7 +170,7 @@ def _result(
         "rounds": settings.rounds,
         "duration_s": settings.duration_s,
         "minutes": settings.minutes,
-        "frames": f"{frames} frame(s) of {where}",
+        "frames": f"{counted(frames, 'frame')} of {where}",
     }
     return make_result(measured, environment, method, network_of)
 

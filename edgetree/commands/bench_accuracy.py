@@ -6,6 +6,8 @@ import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from basetree.counts import counted
+
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
@@ -49,7 +51,7 @@ def _of_card(path: Path) -> dict[str, Any] | None:
     error_m = test.metres.quantities.diameter_m.median_abs
     return {
         "source": "the model's card",
-        "frames": f"{test.frames} frames of the preset test, {card.date}",
+        "frames": f"{counted(test.frames, 'frame')} of the preset test, {card.date}",
         **{
             name: getattr(test.average_precision, kind)
             for name, kind in _AVERAGE_PRECISIONS.items()

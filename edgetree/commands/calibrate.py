@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import note, print_json, tell, track
 from edgetree.commands.options import Json, quoted
 
@@ -171,7 +172,10 @@ class _Outcome:
     def lines(self) -> Iterator[str]:
         """The results as text."""
         seen = self.sightings
-        shown = f"{len(seen.views)} of {seen.pictures} pictures show the board in a new position"
+        shown = (
+            f"{len(seen.views)} of {counted(seen.pictures, 'picture')} show the board in a"
+            " new position"
+        )
         yield f"{shown}, {seen.width}x{seen.height} px"
         for name, part in seen.seen_in_part.items():
             yield f"{name} shows {part}"
@@ -259,14 +263,15 @@ def _camera_lines(result: Calibration) -> Iterator[str]:
         )
     yield from (_dropped_line(dropped) for dropped in result.dropped)
     yield from (_parameter_line(parameter) for parameter in result.parameters)
-    yield f"RMS reprojection error {result.rms_px:.2f} px in {len(result.views)} views"
+    yield f"RMS reprojection error {result.rms_px:.2f} px in {counted(len(result.views), 'view')}"
     yield f"{result.coverage.share:.0%} of the image area covered; views per cell of a grid:"
     yield from (f"  {row}" for row in result.coverage.text())
 
 
 def _dropped_line(dropped: Dropped) -> str:
     points = dropped.points
-    what = f"point(s) {', '.join(map(str, points))} of {dropped.view}" if points else dropped.view
+    listed = f"point{'s' * (len(points) > 1)} {', '.join(map(str, points))}"
+    what = f"{listed} of {dropped.view}" if points else dropped.view
     return f"left out {what}: {dropped.reason}"
 
 

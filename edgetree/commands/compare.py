@@ -7,6 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import print_found
 from edgetree.commands.options import Json
 
@@ -31,4 +32,6 @@ def compare(old: _Old, new: _New, as_json: Json = False) -> None:
     found = compare_results(read_result(old), read_result(new))
     print_found(as_json, found.to_dict, found.lines)
     if found.regressions:
-        raise CheckFailed(f"{len(found.regressions)} of {len(found.rows)} row(s) became worse")
+        raise CheckFailed(
+            f"{len(found.regressions)} of {counted(len(found.rows), 'row')} became worse"
+        )

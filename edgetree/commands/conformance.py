@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import note, print_found, print_json, tell
 from edgetree.commands.options import Json, Provider, Threads
 
@@ -131,7 +132,7 @@ def _lines(found: Results, comparison: Comparison) -> Iterator[str]:
     runtime = f"{found.runtime} {found.runtime_version}"
     yield f"program         {found.host}: {runtime}, {found.processor}"
     if found.median_ms is not None:
-        threads = "" if found.threads is None else f", {found.threads} thread(s)"
+        threads = "" if found.threads is None else f", {counted(found.threads, 'thread')}"
         yield f"time            {found.median_ms:.1f} ms a frame{threads}"
     yield f"trees           {comparison.trees}, {comparison.unmatched} missing or too many"
     for each in comparison.quantities:
@@ -149,4 +150,4 @@ def _lines(found: Results, comparison: Comparison) -> Iterator[str]:
     yield from comparison.problems[:_MOST_LINES]
     if len(comparison.problems) > _MOST_LINES:
         yield f"and {len(comparison.problems) - _MOST_LINES} more, see --json"
-    yield f"failed: {len(comparison.problems)} difference(s)"
+    yield f"failed: {counted(len(comparison.problems), 'difference')}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import BAR_STREAM, note, print_json, tell
 from edgetree.commands.options import Json
 
@@ -101,7 +102,8 @@ def _summary(result: DemoResult) -> Iterator[str]:
         error_m = model.summary("diameter_m").median_abs_error_m
         metres = "no diameter" if error_m is None else f"diameters within {error_m * 100:.1f} cm"
         yield (
-            f"{model.manifest.modality:5}  {model.found_trees} of {model.true_trees} trees found,"
+            f"{model.manifest.modality:5}  {model.found_trees} of"
+            f" {counted(model.true_trees, 'tree')} found,"
             f" {metres} (median), {model.fps:.0f} frames per second"
         )
 

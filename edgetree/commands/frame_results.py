@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from basetree.counts import counted
 from basetree.errors import CheckFailed, InputError, short_line
 from basetree.program.console import LogNotes, note, track
 from calib.depth.range_check import RangeExponent, kind_words, range_exponent
@@ -68,7 +69,8 @@ class LeftOut:
         """Raise InputError if all frames are left out."""
         if self.reasons and not results:
             raise InputError(
-                f"all {len(self.reasons)} frame(s) are left out: expected one that can be read"
+                f"all {counted(len(self.reasons), 'frame')} left out: expected one"
+                " that can be read"
                 " and measured"
             )
 
@@ -76,7 +78,7 @@ class LeftOut:
         """Raise CheckFailed if a frame is left out."""
         if self.reasons:
             count = len(self.reasons)
-            raise CheckFailed(f"{count} of {count + results} frame(s) left out, see above")
+            raise CheckFailed(f"{count} of {counted(count + results, 'frame')} left out, see above")
 
 
 @dataclass
@@ -121,7 +123,10 @@ class Totals:
     def lines(self) -> Iterator[str]:
         """The summary."""
         median_ms = sorted(self.times_ms)[self.frames // 2]
-        yield f"{self.trees} trees in {self.frames} frame(s), {median_ms:.0f} ms each to detect"
+        yield (
+            f"{counted(self.trees, 'tree')} in {counted(self.frames, 'frame')},"
+            f" {median_ms:.0f} ms each to detect"
+        )
         if self.metres_need is not None:
             yield f"metres {self.metres_need}"
         if self.scaling is not None:
@@ -129,12 +134,12 @@ class Totals:
         if self.turning is not None:
             yield self.turning
         if self.faults:
-            yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"
+            yield f"unusable depth in {counted(len(self.faults), 'frame')}: {self.faults[0]}"
         words = kind_words(self.exponents, self.rig.depth_kind)
         if words is not None:
             yield words
         if self.unlike:
-            count = f"{len(self.unlike)} of {self.frames} frame(s)"
+            count = f"{len(self.unlike)} of {counted(self.frames, 'frame')}"
             yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
 
+from basetree.counts import counted
 from basetree.errors import CheckFailed, EdgetreeError
 from basetree.program.console import note
 
@@ -107,7 +108,7 @@ class _Output:
         """What is missing of so many results."""
         if not self.is_there:
             return f"{self.name} is not written ({self.reason})"
-        return f"{self.name} lacks {self.missing} of {results} frame(s) ({self.reason})"
+        return f"{self.name} lacks {self.missing} of {counted(results, 'frame')} ({self.reason})"
 
     def _make(self) -> None:
         self.next_try_s = time.monotonic() + _OPEN_AGAIN_S
@@ -125,7 +126,7 @@ class _Output:
     def _say_again(self) -> None:
         if self.fault is not None:
             self.fault = None
-            note(f"{self.name} is written again; {self.missing} frame(s) are missing in it")
+            note(f"{self.name} is written again, without {counted(self.missing, 'frame')}")
 
 
 class GuardedOutputs:

@@ -65,8 +65,9 @@ def live(
     """Find, measure and follow the trees in front of a camera, or in a recording.
 
     Stems keep their number from frame to frame, and all views of a stem are combined into one
-    diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C, SIGTERM and SIGHUP
-    end it with everything written. Files of an earlier run are kept under another name.
+    diameter with its interval. Prints a line per frame: a short one on a terminal, into files and
+    pipes one JSON object. Ctrl-C, SIGTERM and SIGHUP end it with everything written. Files of an
+    earlier run are kept under another name.
     """
     from basetree.files.writing import check_paths
     from edgetree.commands.frame_results import check_complete, warnings_shown

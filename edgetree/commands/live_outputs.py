@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 _JsonLines: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="File for the JSON lines, instead of stdout (with --page: nowhere). An older one is"
-        " kept beside it."
+        help="File for the JSON lines, instead of stdout (with --page: nowhere), which has short"
+        " lines where it is a terminal. An older one is kept beside it."
     ),
 ]
 _CsvFile: TypeAlias = Annotated[
@@ -151,11 +151,20 @@ class LiveOutputs:
             "mqtt": lambda address: sinks.MqttSink(address),
         }
         if to_stdout:
-            outputs.open("standard output", lambda: sinks.JsonLinesSink(sys.stdout))
+            outputs.open("standard output", _standard_output)
         for name, make in makers.items():
             target = getattr(self, name)
             if target is not None:
                 outputs.open(f"--{name} {target}", partial(make, target), waits=True)
+
+
+def _standard_output() -> Sink[LiveResult]:
+    """JSON lines for programs; on a terminal a short line for each frame."""
+    from edgetree.results.frame_line import live_line
+    from edgetree.sinks import JsonLinesSink, LinesSink
+
+    to_people = sys.stdout.isatty()
+    return LinesSink(sys.stdout, live_line) if to_people else JsonLinesSink(sys.stdout)
 
 
 def _bag(folder: Path) -> Sink[LiveResult]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -11,7 +13,7 @@ import typer
 
 from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
-from edgetree.commands.option_groups import RigOptions, SessionOptions
+from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
     Cloud,
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
+    from edgetree.report import ReportHead
     from edgetree.runtime.detector import TreeDetector
 
 _Image: TypeAlias = Annotated[
@@ -174,7 +177,7 @@ class _Outputs:
     profiles: Profiles = None
     report: Report = None
 
-    def write(self, result: FrameResult, source: str, trees_from: str) -> None:
+    def write(self, result: FrameResult, source: str, trees_from: str, head: ReportHead) -> None:
         """Write the picture, the tables and the report; if one fails, none is written."""
         from basetree.files.writing import replacing
         from edgetree.results.csv_table import PROFILES, TREES
@@ -187,7 +190,8 @@ class _Outputs:
             if self.profiles is not None:
                 stack.enter_context(CsvSink(self.profiles, PROFILES)).write(result)
             if self.report is not None:
-                stack.enter_context(ReportSink(self.report, source, trees_from)).write(result)
+                report = ReportSink(self.report, source, trees_from, head=head)
+                stack.enter_context(report).write(result)
             if self.out is not None:
                 picture = stack.enter_context(replacing(self.out))
                 picture.write(encode_picture(draw_frame(result), self.out.suffix.lower()))
@@ -201,6 +205,7 @@ def measure(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    report_options: ReportOptions,
     session: SessionOptions,
     shards: ShardOptions,
     as_json: Json = False,
@@ -233,6 +238,7 @@ def measure(
             **rig_options.files(camera),
         },
     )
+    head = report_options.head(outputs.report)
     cloud = image if is_cloud_file(image) else None  # which depth models see
     model = model_for(inputs.model, depth or inputs.right or cloud or depth_alone(image))
     if shards.are_given:
@@ -249,11 +255,13 @@ def measure(
         trees_from = {"model": model_record(detector, model_path)}
         trees_from_words = f"the model {model_path.name}"
     result = inputs.process(image, detector, rig, settings, pair)
-    outputs.write(result, str(image), trees_from_words)
+    outputs.write(result, str(image), trees_from_words, head)
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:
-        for line in table_lines(measurements_of(result), result.found.numbers, result.pixel_sizes):
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+        numbers, sizes = result.found.numbers, result.pixel_sizes
+        for line in table_lines(measurements_of(result), numbers, sizes, width=width):
             tell(line)
     if detector is not None:
         note(model_words(detector, model_path))
@@ -264,18 +272,15 @@ def measure(
         note(f"unlike the training pictures: {words}")
     files = {"picture": outputs.out, "table": outputs.csv, "profiles": outputs.profiles}
     note_files({**files, "report": outputs.report})
-    given = _words(inputs, mask=True)
-    options = f"{quoted(image)}{rig_options.words(depth, camera)}{given}"
+    options = f"{quoted(image)}{rig_options.words(depth, camera)}{_words(inputs)}"
     stem = quoted(image.stem)
     if outputs.out is None:
         note(f"next: edgetree measure {options} --out {stem}_trees.jpg")
     elif outputs.csv is None:
         note(f"next: edgetree measure {options} --csv {stem}_trees.csv")
     else:
-        others = replace(inputs, cloud=None)
-        options = f"{rig_options.words(None, camera)}{_words(others, mask=False)}"
-        kind = "--cloud CLOUDS" if inputs.cloud else "--depth DEPTHS"
-        note(f"next: edgetree run FRAMES {kind}{options} --csv trees.csv")
+        options = f"{rig_options.words(None, camera)}{_words(inputs, kind_only=True)}"
+        note(f"next: edgetree run FRAMES{options} --csv trees.csv")
 
 
 def _record(
@@ -299,12 +304,16 @@ def _record(
     }
 
 
-def _words(inputs: _Inputs, *, mask: bool) -> str:
-    """The options that say how trees are found, as they would be typed on the command line."""
-    given = {
-        "right": inputs.right,
-        "cloud": inputs.cloud,
-        "model": inputs.model,
-        "mask": inputs.mask if mask else None,
-    }
+def _words(inputs: _Inputs, *, kind_only: bool = False) -> str:
+    """The options about input and model, but for --depth, as typed on the command line.
+
+    Args:
+        inputs: The options.
+        kind_only: Whether what names a file beside the image becomes a word for many of them.
+    """
+    given: dict[str, object] = {"right": inputs.right, "cloud": inputs.cloud}
+    if kind_only:
+        given = {name: f"{name.upper()}S" for name, value in given.items() if value}
+        given |= {} if inputs.depth is None else {"depth": "DEPTHS"}
+    given |= {"model": inputs.model, "mask": None if kind_only else inputs.mask}
     return "".join(f" --{name} {quoted(value)}" for name, value in given.items() if value)

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from edgetree.frames.references import SizeReferences
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings, RigUncertainty
+    from edgetree.report import ReportHead
     from edgetree.runtime.detector import TreeDetector
 
 
@@ -218,6 +219,43 @@ class RigOptions:
             for name, value in given.items()
             if value is not None and value != getattr(RigOptions, name, None)
         )
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """What the report says about itself, and the area for its basal area."""
+
+    title: Annotated[str | None, typer.Option(help="Heading of the report of --report.")] = None
+    place: Annotated[
+        str | None, typer.Option(help="Where the trees stand, for the report of --report.")
+    ] = None
+    area: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HA",
+            help="Area in hectares that the trees stand on: the report of --report then has their"
+            " basal area per hectare.",
+        ),
+    ] = None
+
+    def head(self, report: Path | None) -> ReportHead:
+        """The values for the report.
+
+        Args:
+            report: Value of --report.
+
+        Raises:
+            InputError: An option is given without --report, or the area is not above 0.
+        """
+        from basetree.errors import InputError
+        from edgetree.report import ReportHead
+
+        given = [name for name, value in vars(self).items() if value is not None]
+        if given and report is None:
+            raise InputError(f"--{given[0]} given without --report: expected both")
+        if self.area is not None and not (math.isfinite(self.area) and self.area > 0):
+            raise InputError(f"--area is {self.area}: expected hectares above 0")
+        return ReportHead(self.title, self.place, self.area)
 
 
 @dataclass(frozen=True)

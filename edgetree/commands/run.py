@@ -14,7 +14,7 @@ import typer
 from basetree.program.console import note, print_json
 from basetree.program.options import expand_groups
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
-from edgetree.commands.option_groups import RigOptions, SessionOptions
+from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
     Camera,
     Cloud,
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
+    from edgetree.report import ReportHead
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
     from edgetree.sources.source import FrameSource
@@ -61,7 +62,11 @@ _Out: TypeAlias = Annotated[
     Path | None, typer.Option(help="Folder for drawn pictures; created if needed.")
 ]
 _JsonLines: TypeAlias = Annotated[
-    Path | None, typer.Option(help="File for the JSON lines, instead of stdout.")
+    Path | None,
+    typer.Option(
+        help="File for the JSON lines, instead of stdout, which has short lines where it is a"
+        " terminal."
+    ),
 ]
 _Coco: TypeAlias = Annotated[
     Path | None,
@@ -153,6 +158,7 @@ class _Outputs:
         model: str,
         score_threshold: float,
         reasons: list[str],
+        head: ReportHead,
     ) -> None:
         """Open the files but for the JSON lines.
 
@@ -162,6 +168,7 @@ class _Outputs:
             model: Name of the model file.
             score_threshold: Lowest score of trees.
             reasons: Why frames are left out, for the report.
+            head: Title, place and area of the report.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
@@ -178,13 +185,20 @@ class _Outputs:
             "out": lambda path: sinks.PicturesSink(path),
             "profiles": lambda path: sinks.CsvSink(path, PROFILES),
             "coco": lambda path: sinks.CocoSink(path, model, score_threshold),
-            "report": lambda path: sinks.ReportSink(path, named, words, reasons),
+            "report": lambda path: sinks.ReportSink(path, named, words, reasons, head),
             "map": map_sink,
         }
         for name, make in makers.items():
             path = getattr(self, name)
             if path is not None:
                 outputs.open(f"--{name} {path}", partial(make, path))
+
+    def further(self, source: Path) -> str | None:
+        """An output that was not asked for, as typed on the command line; None if none is left."""
+        stem = quoted(f"{source.stem}_trees" if source.stem else "trees")
+        if self.out is None:
+            return f"--out {stem}"
+        return f"--report {stem}.html" if self.report is None else None
 
     def path_if(self, outputs: GuardedOutputs, name: str) -> Path | None:
         """The path of an output; None if it was not asked for or is not written."""
@@ -199,6 +213,7 @@ def run(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    report_options: ReportOptions,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     shards: ShardOptions,
@@ -206,9 +221,9 @@ def run(
 ) -> None:
     """Detect the trees of images, a video, a recording or a simulated drive.
 
-    Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with depth
-    and a camera the measurements of each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the
-    results so far.
+    Prints a line per frame: a short one on a terminal; into files and pipes one JSON object with
+    boxes, masks (COCO RLE) and keypoints in pixels, and with depth and a camera the measurements of
+    each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the results so far.
     """
     from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import (
@@ -223,12 +238,15 @@ def run(
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.frames.pipeline import process
     from edgetree.measure import StemViews
+    from edgetree.results.frame_line import frame_line
     from edgetree.results.json_records import frame_record
-    from edgetree.sinks import JsonLinesSink
+    from edgetree.sinks import JsonLinesSink, LinesSink
     from edgetree.sources.files import depth_alone, depth_inside
     from edgetree.sources.opening import is_stream
+    from edgetree.sources.videos import is_picture
 
     _check(source, inputs, rig_options, outputs, shards)
+    head = report_options.head(outputs.report)
     cloud = source if is_cloud_file(source) else None  # which depth models see
     depth = inputs.depth or inputs.right or cloud or depth_inside(source) or depth_alone(source)
     model = model_for(inputs.model, depth)
@@ -244,14 +262,22 @@ def run(
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
+    is_read = lines is sys.stdout and sys.stdout.isatty()  # by people
     guarded = GuardedOutputs(others=as_json)
     with warnings_shown(), guarded:
         frames = inputs.open(source, rig, pair, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
         if lines is not None:
             name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
-            guarded.open(name, lambda: JsonLinesSink(lines, record, grows=False))
-        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons)
+            guarded.open(
+                name,
+                lambda: (
+                    LinesSink(sys.stdout, frame_line)
+                    if is_read
+                    else JsonLinesSink(lines, record, grows=False)
+                ),
+            )
+        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons, head)
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
@@ -260,8 +286,8 @@ def run(
         def measure(frame: Frame) -> FrameResult:
             return process(frame, detector, rig, settings, views)
 
-        shown = not (sys.stdout.isatty() and lines is sys.stdout)
-        is_interrupted = _write_all(frame_results(frames, measure, left_out, shown=shown), writes)
+        results = frame_results(frames, measure, left_out, shown=not is_read)
+        is_interrupted = _write_all(results, writes)
         left_out.check_some(totals.frames)
     if as_json:
         named = {"pictures": "out"} | {each: each for each in ("jsonl", "csv", "profiles", "coco")}
@@ -290,12 +316,12 @@ def run(
     guarded.check()
     left_out.check_none(totals.frames)
     check_complete(str(source), frames.counts)
-    if outputs.out is None:
-        options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
-        note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} --out pictures")
-    else:
-        takes_depth = inputs.depth is not None and detector.manifest.takes_depth
-        images = inputs.depth if takes_depth else source
+    options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
+    takes_depth = inputs.depth is not None and detector.manifest.takes_depth
+    images = inputs.depth if takes_depth else source
+    if (further := outputs.further(source)) is not None:
+        note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} {further}")
+    elif are_files or is_picture(source):
         note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import note, print_json
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import quoted
@@ -235,7 +236,7 @@ def print_merged(merged: MergedFrames, outputs: Outputs, as_json: bool) -> None:
     for reason in merged.left_out:
         left_out.add(ValueError(reason))
     left_out.check_some(merged.frames)
-    note(f"{merged.trees} trees in {merged.frames} frame(s)")
+    note(f"{counted(merged.trees, 'tree')} in {counted(merged.frames, 'frame')}")
     files = {"JSON lines": outputs.jsonl, "table": outputs.csv, "profiles": outputs.profiles}
     note_files(files)
     left_out.check_none(merged.frames)

@@ -76,7 +76,7 @@ class KitFrame:
         if self.channels not in _PIXELS or self.width * self.height > current_limits().image_pixels:
             raise InputError(
                 f"frame {self.name!r} is {self.width}x{self.height} with {self.channels}"
-                f" channel(s), expected at most {current_limits().image_pixels} pixels, and 1 or 3"
+                f" channels, expected at most {current_limits().image_pixels} pixels, and 1 or 3"
             )
         _check_inside(f"frame {self.name!r}: file", self.file)
 

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+from basetree.counts import counted
 from basetree.errors import MissingPackage, install_hint
 from edgetree.demo.held_out import held_out_frames
 from edgetree.demo.result import DemoResult, Step
@@ -98,7 +99,9 @@ class _Chain:
         )
         frames, trees = sum(report.frames.values()), sum(report.trees.values())
         self.figures["frames"] = report.frames
-        self._note("simulate", f"{frames} frames, {trees} labelled trees", start_s)
+        self._note(
+            "simulate", f"{counted(frames, 'frame')}, {counted(trees, 'labelled tree')}", start_s
+        )
 
     def train(self) -> Path:
         """Train a depth model; returns the checkpoint that is best on the val split."""
@@ -116,7 +119,7 @@ class _Chain:
             lambda status: tell(status.done, "training from random weights"),
         )
         self.figures["steps"] = report.steps
-        self._note("train", f"{report.steps} steps from random weights", start_s)
+        self._note("train", f"{counted(report.steps, 'step')} from random weights", start_s)
         return report.checkpoint
 
     def evaluate(self, checkpoint: Path) -> None:
@@ -141,7 +144,7 @@ class _Chain:
         )
         self._note(
             "evaluate",
-            f"AP50 on {metrics.frames} frames of held-out scenes: {precision}",
+            f"AP50 on {counted(metrics.frames, 'frame')} of held-out scenes: {precision}",
             start_s,
         )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from basetree.arrays import UInt8
+from basetree.counts import counted
 from basetree.program.python import installed_version
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import frames_sha256, input_shape
@@ -99,7 +100,7 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
     proto = trace(source.model, settings.batch, settings.opset, quantised=int8)
     frames = source.calibration_frames
     if settings.precision != "fp32" and frames is not None:
-        say(f"calibrating on {len(frames)} frames")
+        say(f"calibrating on {counted(len(frames), 'frame')}")
         manifest = replace(manifest, calibration_sha256=frames_sha256(frames))
         if int8:
             symmetric = settings.target == "tensorrt"

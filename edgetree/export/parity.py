@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from basetree.counts import counted
 from basetree.errors import CheckFailed
 from edgetree.export.limits import ParityLimits
 
@@ -144,7 +145,10 @@ class ParityReport:
     def _faults_of_all(self) -> Iterator[str]:
         if self.matched < self.limits.matched:
             limit = self.limits.matched
-            yield f"all: {self.matched:.1%} of {self.trees} trees matched, limit {limit:.0%}"
+            yield (
+                f"all: {self.matched:.1%} of {counted(self.trees, 'tree')} matched, limit"
+                f" {limit:.0%}"
+            )
         for name, (value, limit) in self._limited_percentiles().items():
             if not (value >= limit if name.startswith("mask_iou") else value <= limit):
                 yield f"all: {name} is {value:.4g}, limit {limit:g}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from basetree.arrays import UInt8
+from basetree.counts import counted
 from edgetree.evaluate import predict_with_file
 from edgetree.export.build import output_names
 from edgetree.export.comparison import UNMATCHED_FRAMES, Arrays, compare_frames
@@ -93,7 +94,7 @@ def verify(
     edge_cases = edge_case_frames(model.spec, np.stack(list(frames.images.values())))
     images = {**frames.images, **edge_cases}
     batch = manifest.input.batch_sizes[0]
-    say(f"comparing on {len(images)} frames, {batch} at a time")
+    say(f"comparing on {counted(len(images), 'frame')}, {batch} at a time")
     compared = compare_frames(
         lambda batch_images: _detect(model, batch_images),
         lambda batch_images: session.run({manifest.input.name: batch_images}),

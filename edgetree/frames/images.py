@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.files.headers.exif import orientation_words
 from basetree.files.picture_size import most_picture_bytes
@@ -110,7 +111,9 @@ def _read_values(path: Path) -> NDArray[np.integer]:
     values = picture.pixels
     if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
         channels = 1 if values.ndim == 2 else values.shape[2]
-        raise InputError(f"mask {path} has {channels} channel(s) of {values.dtype}: {expected}")
+        raise InputError(
+            f"mask {path} has {counted(channels, 'channel')} of {values.dtype}: {expected}"
+        )
     return np.asarray(values)
 
 

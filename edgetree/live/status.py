@@ -9,6 +9,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+from basetree.counts import counted
 from edgetree.sources.source import REMARKS
 
 _REMEMBERED: Final = 50  # results for rates and medians
@@ -46,7 +47,7 @@ class LiveStatus:
     def line(self) -> str:
         """The state as one line of text."""
         stages = ", ".join(f"{name} {value:.0f}" for name, value in self.stages_ms.items())
-        parts = [f"{self.state}: {self.results} frame(s), {self.rate_hz:.1f} per second"]
+        parts = [f"{self.state}: {counted(self.results, 'frame')}, {self.rate_hz:.1f} per second"]
         if stages:
             parts.append(f"{self.age_ms:.0f} ms old ({stages} ms)")
         if self.dropped:
@@ -54,7 +55,7 @@ class LiveStatus:
         parts += [f"{count} left out: {reason}" for reason, count in self.left_out.items()]
         parts += [f"{count} {remark}" for remark, count in self.remarks.items()]
         if self.lost:
-            parts.append(f"source lost {self.lost} time(s)")
+            parts.append(f"source lost {counted(self.lost, 'time')}")
         return ", ".join(parts)
 
 

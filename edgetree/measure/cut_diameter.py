@@ -119,6 +119,7 @@ def if_certain(diameter: Estimate) -> Estimate | Failure:
     """The diameter, or a failure if its relative standard deviation is too large."""
     if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
         return Failure(
-            f"the diameter is too uncertain: {diameter.value:.2f} m ± {diameter.std:.2f} m"
+            "the diameter is too uncertain:"
+            f" {100 * diameter.value:.1f} ± {100 * diameter.std:.1f} cm"
         )
     return diameter

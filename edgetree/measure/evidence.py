@@ -80,8 +80,8 @@ def stump_warning(
     if not isinstance(above_surface, Estimate):
         return ()
     if not isinstance(height, Estimate):
-        return (f"plants hide the ground: the stump may be too high, limit {limit_m:.2f} m",)
-    stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
+        return (f"plants hide the ground: the stump may be too high, limit {100 * limit_m:.0f} cm",)
+    stump = f"{_cm(height)} high, limit {100 * limit_m:.0f} cm"
     if height.value - height.std > limit_m:
         return (f"the stump would be {stump}",)
     hidden = isinstance(ground, BaseGround) and ground.overgrown
@@ -89,10 +89,14 @@ def stump_warning(
         return (f"plants hide the ground: the stump may be too high, {stump}",)
     stated = isinstance(ground, BaseGround) and ground.stated_cover.value > 0
     if not stated and hidden_std_m(height.value) > max(above_surface.std, height.value / 2):
-        low = f"the felling cut is only {height.value:.2f} ± {height.std:.2f} m above the surface"
+        low = f"the felling cut is only {_cm(height)} above the surface"
         stating = "if so, --ground-cover states their height"
         return (f"plants or snow with an even top may hide the ground: {low}; {stating}",)
     return ()
+
+
+def _cm(height: Estimate) -> str:
+    return f"{100 * height.value:.0f} ± {100 * height.std:.0f} cm"
 
 
 def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[str, ...]:
@@ -103,7 +107,7 @@ def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[
     std_m = math.hypot(stds["keypoints"], stds["mask"])
     if abs(keypoints_m - mask_m) <= MAX_DISAGREEMENT_STDS * std_m:
         return ()
-    return (f"keypoints and mask disagree: {keypoints_m:.2f} m and {mask_m:.2f} m",)
+    return (f"keypoints and mask disagree: {100 * keypoints_m:.1f} cm and {100 * mask_m:.1f} cm",)
 
 
 def _second_stem(observed: StemObservations, index: int) -> tuple[str, ...]:

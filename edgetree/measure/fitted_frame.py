@@ -114,7 +114,7 @@ class FittedFrame:
         """Why the diameter cannot be that of a stem, or None."""
         diameter_m = 2 * float(self.stems.radius_m[index])
         plausible = MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m
-        return None if plausible else f"a diameter of {diameter_m:.2f} m is not plausible"
+        return None if plausible else f"a diameter of {100 * diameter_m:.1f} cm is not plausible"
 
     def foot_failure(self, index: int) -> str | None:
         """Why the foot of a stem shows that its depth cannot be the stem's, or None."""

@@ -189,12 +189,15 @@ class StemPosition:
         above_m = self._cut_parts_m[2] - self._section_parts_m[2]
         if has_section and not LOWEST_CUT_M <= above_m <= HIGHEST_CUT_M:
             side = "above" if above_m > 0 else "below"
-            return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
+            return Failure(
+                f"the felling cut is {100 * abs(above_m):.0f} cm {side} the diameter's section"
+            )
         if isinstance(height, Estimate) and height.value < -MAX_CUT_BELOW_GROUND_M - 2 * height.std:
-            return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
+            return Failure(f"the felling cut is {-100 * height.value:.0f} cm below the ground")
         if isinstance(height, Estimate) and height.value > MAX_CUT_ABOVE_GROUND_M + 2 * height.std:
             return Failure(
-                f"the felling cut is {height.value:.2f} m above the ground: the depth may be of"
+                f"the felling cut is {100 * height.value:.0f} cm above the ground: the"
+                " depth may be of"
                 " what stands before the stem"
             )
         return None
@@ -217,14 +220,16 @@ class StemPosition:
         if above_axis_m < -self.cut_rad * self._range_m or height.value < -height.std:
             lower_m = -min(above_axis_m, height.value)
             return Failure(
-                f"plants hide the ground: the felling cut is {lower_m:.2f} m below the lowest"
+                f"plants hide the ground: the felling cut is {100 * lower_m:.0f} cm below"
+                " the lowest"
                 " surface around the base"
             )
         soil = above_soil(height, ground.stated_cover.value > 0)
         if not ground.hidden:
             return soil
         return Failure(
-            f"plants hide the ground: the felling cut is {soil.value:.2f} m or more above it, as"
+            f"plants hide the ground: the felling cut is {100 * soil.value:.0f} cm or"
+            " more above it, as"
             " the surface or the stem shows deeper ground"
         )
 

@@ -1,5 +1,5 @@
 """HTML pages: the report of `edgetree run` and `measure`, and what it shares with the demo's."""
 
-from edgetree.report.frame_report import report_file
+from edgetree.report.frame_report import ReportHead, report_file
 
-__all__ = ["report_file"]
+__all__ = ["ReportHead", "report_file"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import date
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -15,16 +16,17 @@ from typing import Final
 
 import cv2
 
+from basetree.counts import counted
 from basetree.files.writing import text_file
 from basetree.page import parts
 from edgetree.drawing.primitives import Picture
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate
-from edgetree.report.tree_table import class_chart, reason_table, tree_row, tree_table
+from edgetree.report.totals import StandTotals
+from edgetree.report.tree_table import Reasons, class_chart, tree_row, tree_table
 from edgetree.report.units import length_attributes, unit_buttons
 from edgetree.results.csv_table import measurements_of
 from edgetree.results.pictures import draw_frame
-from edgetree.results.text_table import failure_reasons
 from edgetree.results.units import AMOUNTS
 
 _MAX_SIDE_PX: Final = 1280
@@ -32,9 +34,30 @@ _MAX_BYTES: Final = 180_000  # 240 kB as text in the page: 24 MB for 100 frames
 _QUALITIES: Final = (82, 70, 58, 46)
 
 
+@dataclass(frozen=True)
+class ReportHead:
+    """What a report says about itself.
+
+    Attributes:
+        title: Its heading; "Trees in" and the source if None.
+        place: Where the trees stand; None if it is not told.
+        area_ha: Area that the trees stand on, in hectares, for the basal area; None without it.
+    """
+
+    title: str | None = None
+    place: str | None = None
+    area_ha: float | None = None
+
+
 @contextmanager
 def report_file(
-    path: Path, source: str, trees_from: str, left_out: Sequence[str] = (), *, whole: bool = True
+    path: Path,
+    source: str,
+    trees_from: str,
+    left_out: Sequence[str] = (),
+    *,
+    whole: bool = True,
+    head: ReportHead = ReportHead(),
 ) -> Iterator[Callable[[FrameResult], None]]:
     """Write a report at the end of the block; yields a function that adds a frame to it.
 
@@ -48,6 +71,7 @@ def report_file(
         left_out: Why frames were left out, a line for each; read at the end of the block.
         whole: Whether all frames of the source are added or left out; if not, the page counts
             pictures and no frames.
+        head: Title, place and area.
 
     Raises:
         InputError: The file cannot be written.
@@ -58,14 +82,14 @@ def report_file(
             "w+", encoding="utf-8", errors="backslashreplace", dir=path.parent
         ) as figures,
     ):
-        totals = _Totals(whole)
+        totals = _Totals(whole, head)
 
         def add(result: FrameResult) -> None:
             figures.write(totals.add(result))
 
         yield add
         figures.seek(0)
-        page.write(parts.start(f"Trees in {source}", _asset("report.css")))
+        page.write(parts.start(head.title or f"Trees in {source}", _asset("report.css")))
         page.write(totals.summary(source, trees_from, left_out))
         shutil.copyfileobj(figures, page)
         page.write(totals.tables())
@@ -79,13 +103,14 @@ def _asset(name: str) -> str:
 class _Totals:
     """What the report says about all frames."""
 
-    def __init__(self, whole: bool) -> None:
+    def __init__(self, whole: bool, head: ReportHead) -> None:
+        self._head, self._stand = head, StandTotals(head.area_ha)
         self._whole = whole
         self._frames = 0
         self._rows: list[str] = []
         self._diameters_m: list[float] = []
         self._dbhs_m: list[float] = []
-        self._reasons: Counter[tuple[str, str]] = Counter()
+        self._reasons = Reasons()
 
     def add(self, result: FrameResult) -> str:
         """Count a frame; returns its picture as HTML."""
@@ -100,13 +125,14 @@ class _Totals:
             strict=True,
         ):
             self._rows.append(tree_row(anchor, name, number, float(score), tree, size))
-            self._reasons.update(failure_reasons(tree))
+            self._reasons.add(tree)
+            self._stand.add(tree)
             if isinstance(tree.diameter_m, Estimate):
                 self._diameters_m.append(tree.diameter_m.value)
                 measured += 1
             if isinstance(tree.dbh_m, Estimate):
                 self._dbhs_m.append(tree.dbh_m.value)
-        words = f"{_count(len(result.trees), 'tree')}, {measured} with a diameter"
+        words = f"{counted(len(result.trees), 'tree')}, {measured} with a diameter"
         if result.frame.depth_fault is not None:
             words += f"; {result.frame.depth_fault}"
         if result.trees.unlike is not None:
@@ -125,8 +151,8 @@ class _Totals:
             attributes = length_attributes("diameter_m", value_m)
             middle_html = f"<span {attributes}>{text} cm</span>"
         return (
-            f"<h1>Trees in {escape(source)}</h1>"
-            f'<p class="lead">Found by {escape(trees_from)}.</p>{unit_buttons()}'
+            f"<h1>{escape(self._head.title or f'Trees in {source}')}</h1>"
+            f'<p class="lead">{escape(self._lead(source, trees_from))}</p>{unit_buttons()}'
             + parts.tiles(
                 [
                     (str(self._frames), f"{shown}{'' if self._frames == 1 else 's'}"),
@@ -135,9 +161,10 @@ class _Totals:
                     (middle_html, "median diameter at the felling cut"),
                 ]
             )
+            + self._stand.html()
             + self._left_out(left_out)
             + self._classes()
-            + reason_table(self._reasons)
+            + self._reasons.html()
             + parts.heading(
                 "Pictures",
                 "Click a picture to enlarge it. A red dot is the felling cut, with its height"
@@ -149,6 +176,12 @@ class _Totals:
             )
             + '<div class="grid wide">'
         )
+
+    def _lead(self, source: str, trees_from: str) -> str:
+        """Place, day, source and model, as sentences."""
+        where = f"{self._head.place}, " if self._head.place else ""
+        named = f" Pictures: {source}." if self._head.title else ""
+        return f"{where}{date.today().isoformat()}.{named} Found by {trees_from}."
 
     def _classes(self) -> str:
         """The diameter classes."""
@@ -183,13 +216,9 @@ class _Totals:
         """What is not in the report, with the reasons."""
         if not reasons:
             return ""
-        count = f"{_count(len(reasons), 'frame')} left out" if self._whole else "Left out"
+        count = f"{counted(len(reasons), 'frame')} left out" if self._whole else "Left out"
         lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
         return parts.heading(count) + f"<ul>{lines}</ul>"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _embedded(picture: Picture) -> parts.Jpeg:

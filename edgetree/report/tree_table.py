@@ -79,15 +79,33 @@ def tree_table(rows: Sequence[str]) -> str:
     return parts.table(heads, rows, kind="sortable text")
 
 
-def reason_table(reasons: Counter[tuple[str, str]]) -> str:
-    """The number of trees for each (missing values, reason); empty if nothing is missing."""
-    if not reasons:
-        return ""
-    ordered = sorted(reasons.items(), key=lambda item: (-item[1], item[0]))
-    rows = ([str(trees), what, reason] for (what, reason), trees in ordered)
-    return parts.heading("Missing values") + parts.table(
-        ["trees", "missing", "reason"], rows, kind="text"
-    )
+class Reasons:
+    """Why values are missing, each reason once."""
+
+    def __init__(self) -> None:
+        self._trees: Counter[str] = Counter()
+        self._missing: dict[str, dict[str, None]] = {}
+
+    def add(self, tree: TreeMeasurement) -> None:
+        """Count the reasons of a tree."""
+        for what, reason in failure_reasons(tree):
+            self._trees[reason] += 1
+            names = what.removeprefix("no ").split(", ")
+            self._missing.setdefault(reason, {}).update(dict.fromkeys(names))
+
+    def html(self) -> str:
+        """The number of trees for each reason, with what it leaves out; empty if there is none."""
+        if not self._trees:
+            return ""
+        ordered = sorted(self._trees.items(), key=lambda item: (-item[1], item[0]))
+        rows = ([str(trees), self._words(reason), reason] for reason, trees in ordered)
+        return parts.heading("Missing values") + parts.table(
+            ["trees", "missing", "reason"], rows, kind="text"
+        )
+
+    def _words(self, reason: str) -> str:
+        names = self._missing[reason]
+        return "all values" if "not measured" in names else ", ".join(names)
 
 
 def class_chart(name: str, diameters_m: Iterable[float]) -> str:

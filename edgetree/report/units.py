@@ -14,9 +14,13 @@ CLASS_EDGE: Final = "class_edge_m"
 PROFILE_HEIGHT: Final = "profile_height_m"
 """Name in `UNITS` of the heights of a profile's chart."""
 
+BASAL_AREA: Final = "basal_area_m2_per_ha"
+"""Name in `UNITS` of basal areas."""
+
 _DIAMETERS: Final = ("diameter_m", "dbh_m", "cut_height_m", CLASS_EDGE)
 _DISTANCES: Final = ("distance_m", "axis_distance_m")
 _VOLUMES: Final = ("seen_volume_m3", "volume_m3")
+_BASAL_AREA: Final = Amount("basal area", "m²/ha", 1.0, 1)
 _PROFILE_HEIGHT: Final = Amount("height", "m", 1.0, 0)
 
 
@@ -27,6 +31,7 @@ def _millimetres() -> dict[str, Amount]:
         **amounts,
         "taper_cm_per_m": Amount("", "mm/m", 10.0, 0),
         PROFILE_HEIGHT: _PROFILE_HEIGHT,
+        BASAL_AREA: _BASAL_AREA,
     }
 
 
@@ -34,6 +39,7 @@ def _inches() -> dict[str, Amount]:
     amounts = {name: Amount("", "in", 1 / 0.0254, 1) for name in _DIAMETERS}
     amounts |= {name: Amount("", "ft", 1 / 0.3048, 1) for name in (*_DISTANCES, PROFILE_HEIGHT)}
     amounts |= {name: Amount("", "ft³", 1 / 0.3048**3, 1) for name in _VOLUMES}
+    amounts[BASAL_AREA] = Amount("", "ft²/acre", 4046.8564224 / 10000 / 0.3048**2, 0)
     return {**amounts, "taper_cm_per_m": Amount("", "in/ft", 0.3048 / 2.54, 2)}
 
 
@@ -42,6 +48,7 @@ UNITS: Final = {
         **AMOUNTS,
         CLASS_EDGE: Amount("class edge", "cm", 100.0, 0),
         PROFILE_HEIGHT: _PROFILE_HEIGHT,
+        BASAL_AREA: _BASAL_AREA,
     },
     "mm": _millimetres(),
     "inch": _inches(),

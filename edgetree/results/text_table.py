@@ -18,21 +18,19 @@ from edgetree.measure.pixel_sizes import BREAST_HEIGHT
 from edgetree.measure.volume import VOLUME_SOURCE
 from edgetree.results.units import AMOUNTS, direction_words
 
-_WIDTHS: Final = {
-    "diameter_m": 16,
-    "dbh_m": 16,
-    "cut_height_m": 14,
-    "inclination_deg": 28,
-    "distance_m": 0,
-}
+_COLUMNS: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "distance_m")
 _LINE: Final = 100
 _INDENT: Final = " " * 6
+_GAP: Final = "  "
+_MISSING: Final = "–"
 
 
 def table_lines(
     measurements: list[TreeMeasurement],
     numbers: tuple[int, ...],
     sizes: Sequence[PixelSize | Failure] | None = None,
+    *,
+    width: int | None = None,
 ) -> Iterator[str]:
     """The lines of the table.
 
@@ -43,14 +41,18 @@ def table_lines(
         measurements: The measurement of each tree.
         numbers: The number of each tree.
         sizes: The size of each tree in the picture.
+        width: Columns of the terminal. Where a row does not fit, its last columns become lines
+            below it; None if there is no limit.
     """
     if not measurements:
         yield "no trees"
         return
-    yield _row("tree", {name: AMOUNTS[name].name for name in _WIDTHS})
-    for index, (number, tree) in enumerate(zip(numbers, measurements, strict=True)):
-        yield _row(f"{number:4}", {name: _cell(tree, name) for name in _WIDTHS})
-        notes = [*further_values(tree)]
+    shown, below = _fitting(measurements, numbers, width)
+    head, *rows = shown
+    yield head
+    for index, (row, tree) in enumerate(zip(rows, measurements, strict=True)):
+        yield row
+        notes = [*below[index], *further_values(tree)]
         notes += [f"{what}: {reason}" for what, reason in failure_reasons(tree)]
         notes += [f"warning: {text}" for text in tree.evidence.warnings]
         ground = tree.evidence.ground
@@ -61,22 +63,57 @@ def table_lines(
         if sizes is not None:
             notes.append(pixel_words(sizes[index]))
         for text in notes:
-            yield from wrap(text, _LINE, initial_indent=_INDENT, subsequent_indent=_INDENT + "  ")
-    yield "± is one standard deviation; twice that holds the truth for 95 trees in 100"
+            yield from _wrapped(text, width, _INDENT)
+    words = "± is one standard deviation; twice that holds the truth for 95 trees in 100"
+    yield from _wrapped(words, width)
 
 
-def _row(first: str, cells: dict[str, str]) -> str:
-    parts = (f"{text:<{_WIDTHS[name]}}" for name, text in cells.items())
-    return f"{first}  {''.join(parts)}".rstrip()
+def _wrapped(text: str, width: int | None, indent: str = "") -> list[str]:
+    return wrap(
+        text,
+        min(width or _LINE, _LINE),
+        initial_indent=indent,
+        subsequent_indent=f"{indent}  " if indent else "",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _fitting(
+    measurements: Sequence[TreeMeasurement], numbers: Sequence[int], width: int | None
+) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows with as many columns as fit, and what stands below each row."""
+    columns = [
+        [AMOUNTS[name].name, *(_cell(tree, name) for tree in measurements)] for name in _COLUMNS
+    ]
+    below: list[list[str]] = [[] for _ in measurements]
+    first = [["tree", *(f"{number:4}" for number in numbers)]]
+    while len(columns) > 1:
+        rows = _rows(first + columns)
+        if width is None or max(map(len, rows)) <= width:
+            break
+        name, *cells = columns.pop()
+        for notes, text in zip(below, cells, strict=True):
+            if text != _MISSING:
+                notes.insert(0, f"{name}: {text}")
+    return _rows(first + columns), below
+
+
+def _rows(columns: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        _GAP.join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in zip(*columns, strict=True)
+    ]
 
 
 def _cell(tree: TreeMeasurement, quantity: str) -> str:
     result: Estimate | Failure = getattr(tree, quantity)
     if isinstance(result, Failure):
-        return "–"
+        return _MISSING
     text = AMOUNTS[quantity].with_std(result)
     if quantity == "inclination_deg":
-        text = f"{text} {direction_words(result, tree.lean_direction_deg)}"
+        text = f"{text} {direction_words(result, tree.lean_direction_deg)}".rstrip()
     return text
 
 

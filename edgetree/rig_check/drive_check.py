@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from basetree.arrays import UInt8
+from basetree.counts import counted
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
@@ -130,7 +131,8 @@ def check_rig(
         raise InputError(f"{source.name} has no {lacking}: expected frames with colour and depth")
     if counts.frames < _FEWEST_FRAMES:
         raise InputError(
-            f"{source.name} has {counts.frames} frames with colour and depth: expected at least two"
+            f"{source.name} has {counted(counts.frames, 'frame')} with colour and depth:"
+            " expected at least two"
         )
     return work.report(source, counts)
 

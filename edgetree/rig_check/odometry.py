@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from basetree.arrays import Float
+from basetree.counts import counted
 from edgetree.live.tracking.plane import turns
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
@@ -80,7 +81,7 @@ def _estimates(sightings: list[Sighting]) -> list[Estimate | str]:
         return ["needs the poses of the camera, which the source does not give"] * 3
     views = _views(sightings)
     if len(views) < _MIN_STEMS:
-        text = f"{len(views)} stems with {_MIN_VIEWS} views: {_MIN_STEMS} are needed"
+        text = f"{counted(len(views), 'stem')} with {_MIN_VIEWS} views: {_MIN_STEMS} are needed"
         return [f"{text}; drive past more stems"] * 3
     values, stds = _solve(views)
     units = (100.0, 100.0, math.degrees(1))

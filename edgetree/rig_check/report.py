@@ -8,6 +8,7 @@ from itertools import groupby
 from textwrap import wrap
 from typing import Final
 
+from basetree.counts import counted
 from basetree.normal import NORMAL_975
 from edgetree.rig_check.checks import HOLDS, RigCheck
 from edgetree.rig_check.drive_check import RigReport
@@ -26,8 +27,8 @@ _DIGITS: Final = {"px": 1, "%": 1, "°": 1, "mm": 0, "ms": 0}
 def report_lines(report: RigReport) -> Iterator[str]:
     """The lines of the report."""
     yield (
-        f"{report.frames} frames in {report.seconds:.0f} s, {report.used} searched:"
-        f" {report.silhouettes} points on silhouettes, {report.stems} stems"
+        f"{counted(report.frames, 'frame')} in {report.seconds:.0f} s, {report.used} searched:"
+        f" {counted(report.silhouettes, 'point')} on silhouettes, {counted(report.stems, 'stem')}"
     )
     yield "each ± is half of a 95 % interval"
     for group, checks in groupby(report.checks, lambda check: check.group):

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from basetree.arrays import UInt8
+from basetree.counts import counted
 from calib import DepthFailure, check_depth
 from edgetree.frames.frame import Frame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
@@ -145,7 +146,7 @@ class StreamCounts:
         percent = 100 * count / max(total, 1)
         verdict: Verdict = HOLDS if percent <= limit else NO
         if total < _FEWEST:
-            verdict, reason = UNKNOWN, f"{total} frames: {_FEWEST} are needed"
+            verdict, reason = UNKNOWN, f"{counted(total, 'frame')}: {_FEWEST} are needed"
         return RigCheck(
             name, GROUP, verdict, limit, "%", percent, None, "" if verdict == HOLDS else reason
         )

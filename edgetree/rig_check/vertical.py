@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from basetree.arrays import Float, Index
+from basetree.counts import counted
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
@@ -64,7 +65,10 @@ def _mean_lean(sightings: list[Sighting], column: int) -> Estimate | str:
         numbers = np.array([each.stem for each in sightings])
         lean = _per_stem(numbers, lean, std)
     if len(lean) < _MIN_STEMS:
-        return f"{len(lean)} stems with a sure axis: {_MIN_STEMS} are needed; drive past more stems"
+        return (
+            f"{counted(len(lean), 'stem')} with a sure axis: {_MIN_STEMS} are needed; drive"
+            " past more stems"
+        )
     generator = np.random.default_rng(0)
     drawn = lean[generator.integers(0, len(lean), (_RESAMPLES, len(lean)))]
     std_deg = math.hypot(float(np.median(drawn, axis=1).std()), _COMMON_STD_DEG)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from edgetree.sinks.pictures import CocoSink, PicturesSink
     from edgetree.sinks.report import ReportSink, StemReportSink
     from edgetree.sinks.sink import FileSink, Sink
-    from edgetree.sinks.text_files import CsvSink, CsvTracksSink, JsonLinesSink
+    from edgetree.sinks.text_files import CsvSink, CsvTracksSink, JsonLinesSink, LinesSink
 
 __all__ = [
     "BagSink",
@@ -27,6 +27,7 @@ __all__ = [
     "GeoJsonSink",
     "GeoPackageSink",
     "JsonLinesSink",
+    "LinesSink",
     "MapOrigin",
     "MqttSink",
     "PicturesSink",
@@ -54,6 +55,7 @@ _MODULES = {
     "CsvSink": "text_files",
     "CsvTracksSink": "text_files",
     "JsonLinesSink": "text_files",
+    "LinesSink": "text_files",
 }
 
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
+from basetree.counts import counted
 from basetree.files.growing import keep_older
 from basetree.files.reading import decode_image
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.measure import TreeMeasurement
-from edgetree.report import report_file
+from edgetree.report import ReportHead, report_file
 from edgetree.results.pictures import encode_picture, picture_of
 from edgetree.sinks.sink import FileSink
 
@@ -37,16 +38,22 @@ class ReportSink(FileSink[FrameResult]):
         source: What was measured, for the heading.
         trees_from: The model or the mask image that the trees come from, likewise.
         left_out: Why frames were left out, a line for each; read when the sink is closed.
+        head: Title, place and area.
 
     Raises:
         InputError: The file cannot be written.
     """
 
     def __init__(
-        self, path: Path, source: str, trees_from: str, left_out: Sequence[str] = ()
+        self,
+        path: Path,
+        source: str,
+        trees_from: str,
+        left_out: Sequence[str] = (),
+        head: ReportHead | None = None,
     ) -> None:
         super().__init__()
-        report = report_file(path, source, trees_from, left_out)
+        report = report_file(path, source, trees_from, left_out, head=head or ReportHead())
         self._add = self._files.enter_context(report)
 
     def write(self, result: FrameResult) -> None:
@@ -118,7 +125,8 @@ class StemReportSink(FileSink["LiveResult"]):
             older = self._forgotten - self._stems.keys()
             if older:
                 left_out.append(
-                    f"{len(older)} older stem(s): this page has the {_MOST_PICTURES} newest"
+                    f"{counted(len(older), 'older stem')}: this page has the"
+                    f" {_MOST_PICTURES} newest"
                     " pictures, the map and the table of --map and --csv have all stems"
                 )
             if self._keeps_older:

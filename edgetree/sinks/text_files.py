@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
+from basetree.errors import one_line
 from edgetree.results.csv_table import TRACKS, Table
 from edgetree.results.json_records import live_record, write_json_line
 from edgetree.sinks.sink import FileSink
@@ -41,6 +42,27 @@ class JsonLinesSink(FileSink[Any]):
     def write(self, result: Any) -> None:
         """Write one line."""
         write_json_line(self._stream, self._record(result))
+
+
+class LinesSink(FileSink[Any]):
+    """Writes each result as one short line of text, for people.
+
+    Args:
+        stream: An open text stream, such as standard output, which stays open and is flushed after
+            each line.
+        line: Makes the line of a result, such as `edgetree.results.frame_line.frame_line`.
+    """
+
+    appears_whole = False
+
+    def __init__(self, stream: TextIO, line: Callable[[Any], str]) -> None:
+        super().__init__()
+        self._stream, self._line = stream, line
+
+    def write(self, result: Any) -> None:
+        """Write one line."""
+        self._stream.write(one_line(self._line(result)) + "\n")
+        self._stream.flush()
 
 
 class CsvSink(FileSink[Any]):

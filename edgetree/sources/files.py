@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
@@ -110,7 +111,7 @@ def open_image_files(
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(f"{len(files)} images", files, depth_only, rig, rig.camera is None)
+    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, rig.camera is None)
 
 
 def open_files(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.counts import counted
 from basetree.errors import InputError
 from calib.stereo import Rectified, StereoDepth, StereoPair
 from edgetree.frames.frame import DepthNoise, Frame
@@ -97,7 +98,8 @@ class _StereoFrames(BaseSource):
         counts = [side.count for side in self._sides]
         if None not in counts and counts[0] != counts[1]:
             raise InputError(
-                f"{left} has {counts[0]} pictures and {right} has {counts[1]}: expected as many, in"
+                f"{left} has {counted(counts[0], 'picture')} and {right} has {counts[1]}:"
+                " expected as many, in"
                 " the same order"
             )
         self.count = counts[0]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.counts import counted
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
 from basetree.program.console import note, print_found, print_json, progress, tell
@@ -59,7 +60,8 @@ def _report_lines(report: Report) -> Iterator[str]:
         kinds = ("masks", part.has_masks), ("keypoints", part.has_keypoints)
         held = [name for name, there in (*kinds, ("depth", part.has_depth)) if there]
         yield (
-            f"{part.split:5} {part.labels}: {part.frames} frames, {part.trees} trees,"
+            f"{part.split:5} {part.labels}: {counted(part.frames, 'frame')},"
+            f" {counted(part.trees, 'tree')},"
             f" with {', '.join(held) or 'boxes only'}"
         )
         yield from (f"      {line}" for line in part.notes)

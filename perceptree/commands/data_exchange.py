@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import note, print_json, progress, tell
 from perceptree.commands.options import CrowdsAsTrees, Json, SkipBroken
 from perceptree.errors import DatasetError
@@ -158,5 +159,5 @@ def _write(
         print_json({"out": str(out), "form": form, "splits": counts})
         return
     for name, count in counts.items():
-        tell(f"{name:5} {count['pictures']} pictures, {count['trees']} trees")
+        tell(f"{name:5} {counted(count['pictures'], 'picture')}, {counted(count['trees'], 'tree')}")
     tell(out)

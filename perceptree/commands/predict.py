@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.counts import counted
 from basetree.errors import SettingsError
 from basetree.program.console import print_json, tell, track
 from perceptree.commands.options import Checkpoint, Device, Json
@@ -95,7 +96,7 @@ def predict(
     _write_labels(labels, out)
     _print_result(len(paths) - len(left_out), trees, folder, out, as_json)
     if left_out:
-        say(f"{len(left_out)} of {len(paths)} images left out, see above")
+        say(f"{len(left_out)} of {counted(len(paths), 'image')} left out, see above")
         raise typer.Exit(1)
 
 
@@ -119,5 +120,5 @@ def _print_result(pictures: int, trees: int, folder: Path, out: Path, as_json: b
     if as_json:
         print_json({"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)})
         return
-    tell(f"{trees} trees in {pictures} images, drawn in {out}")
+    tell(f"{counted(trees, 'tree')} in {counted(pictures, 'image')}, drawn in {out}")
     tell(f"next: correct {labels} in a labelling tool that reads COCO, with the images in {folder}")

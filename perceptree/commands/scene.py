@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from basetree.counts import counted
 from basetree.errors import SettingsError
 from basetree.program.console import tell
 from perceptree.commands.synth import chosen_preset
@@ -41,5 +42,5 @@ def scene(
     from perceptree.simulator.geometry.gltf import export_scene
 
     trees, faces = export_scene(out, settings, seed)
-    tell(f"{out}: {trees} trees, {faces} triangles, metres, y up")
+    tell(f"{out}: {counted(trees, 'tree')}, {counted(faces, 'triangle')}, metres, y up")
     tell("open it in Blender (File, Import, glTF 2.0) or at https://gltf-viewer.donmccurdy.com")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from basetree.counts import counted
 from basetree.program.console import print_found
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def print_result(report: SynthReport, as_json: bool, frozen: str | None = None) 
 
     values: dict[str, Any] = {**dataclasses.asdict(report), "directory": str(report.directory)}
     lines = [
-        f"{split}: {count} frames, {report.trees[split]} trees"
+        f"{split}: {counted(count, 'frame')}, {counted(report.trees[split], 'tree')}"
         for split, count in report.frames.items()
         if count
     ]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from basetree.counts import counted
 from basetree.errors import SettingsError
 from perceptree.data.check.leakage import near_pairs, scene_of
 from perceptree.data.check.pictures import Signature, colour_faults
@@ -57,7 +58,8 @@ def divide(
     sizes = Counter(group_of)
     if len(sizes) < len(wanted):
         raise DatasetError(
-            f"{len(frames)} pictures form {len(sizes)} groups that belong together, expected at"
+            f"{counted(len(frames), 'picture')} form {counted(len(sizes), 'group')} that"
+            " belong together, expected at"
             f" least {len(wanted)}, for {', '.join(wanted)} (--test 0 makes no test split)"
         )
     split_of = _assign(sizes, wanted, seed)

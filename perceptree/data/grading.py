@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from basetree.counts import counted
 from basetree.settings import check_value
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.errors import DatasetError
@@ -46,7 +47,9 @@ def ignored_note(frames: Sequence[FrameRecord], certain_m: float | None) -> tupl
         return ()
     shown = [f"{count} {reason}" for reason, count in reasons.items() if count]
     total = sum(len(frame.trees) for frame in frames)
-    return (f"{len(trees)} of {total} annotations are ignored: {', '.join(shown) or 'none'}",)
+    return (
+        f"{len(trees)} of {counted(total, 'annotation')} are ignored: {', '.join(shown) or 'none'}",
+    )
 
 
 def _with_far(frames: Sequence[FrameRecord], limit_m: float) -> list[FrameRecord]:

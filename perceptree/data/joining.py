@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from basetree.arrays import Float64
+from basetree.counts import counted
 from perceptree.data.content import load
 from perceptree.data.entries import Entry, EntryError, are_numbers
 from perceptree.data.pictures import path_parts
@@ -61,7 +62,10 @@ def join_keypoints(entries: Standard, path: Path, report: Report, tally: Tally) 
         joined += len(matched)
     _name_keypoints(entries.categories, others.categories)
     total = len(entries.annotations)
-    return f"keypoints of {path.name} are joined to {joined} of {total} annotations by their places"
+    return (
+        f"keypoints of {path.name} are joined to {joined} of {counted(total, 'annotation')}"
+        " by their places"
+    )
 
 
 def _by_image(annotations: list[Entry], image_of: dict[int, int | None]) -> dict[int, list[Entry]]:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Bool, Float, UInt8
+from basetree.counts import counted
 from basetree.files.names import IMAGE_SUFFIXES
 from basetree.files.reading import read_picture
 from perceptree.errors import DatasetError
@@ -121,7 +122,9 @@ def find_pictures(folder: Path, limit: int) -> list[Path]:
     inside = images if images.is_dir() and (folder / "scenes").is_dir() else folder
     found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
     if len(found) < _MIN_IMAGES:
-        raise DatasetError(f"{folder}: holds {len(found)} images, expected at least {_MIN_IMAGES}")
+        raise DatasetError(
+            f"{folder}: holds {counted(len(found), 'image')}, expected at least {_MIN_IMAGES}"
+        )
     chosen = np.unique(np.linspace(0, len(found) - 1, min(limit, len(found))).round().astype(int))
     return [found[number] for number in chosen]
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from basetree.counts import counted
 from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset
 from perceptree.data.frames import read_frame
@@ -77,5 +78,5 @@ def _cell(split: str, frame: FrameRecord) -> Picture:
     cell = np.full((drawn.shape[0], width, 3), PAPER, np.uint8)
     cell[:, left : left + drawn.shape[1]] = drawn
     ignored = sum(tree.ignored for tree in trees)
-    counts = f"{len(trees) - ignored} trees" + (f", {ignored} ignored" if ignored else "")
+    counts = counted(len(trees) - ignored, "tree") + (f", {ignored} ignored" if ignored else "")
     return with_caption(cell, f"{split}  {frame.image_path.name}  {counts}")

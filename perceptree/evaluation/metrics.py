@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from basetree.counts import counted
 from perceptree.data import FrameStore
 from perceptree.errors import DatasetError
 from perceptree.evaluation.errors_px import PixelErrors, Spread, measure_errors
@@ -149,7 +150,7 @@ def check_trees(store: FrameStore) -> None:
     if store.trees == 0:
         ignored = sum(len(frame.trees) for frame in store.frames)
         why = f"tree that counts ({ignored} are ignored)" if ignored else "labelled tree"
-        raise DatasetError(f"{len(store)} frames without a {why}: expected at least one")
+        raise DatasetError(f"{counted(len(store), 'frame')} without a {why}: expected at least one")
 
 
 def measured_from(store: FrameStore, predictions: list[FramePrediction]) -> Measured:

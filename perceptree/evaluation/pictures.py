@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
 from basetree.files.reading import read_picture
@@ -202,5 +203,7 @@ def write_drawing(found: FoundTrees, path: Path) -> None:
         found.picture, boxes=trees.boxes, masks=found.masks(), keypoints=points, weight=1.5
     )
     scores = ", ".join(f"{score:.2f}" for score in trees.scores)
-    drawn = with_caption(drawn, f"{found.path.name}: {len(trees.scores)} trees  {scores}")
+    drawn = with_caption(
+        drawn, f"{found.path.name}: {counted(len(trees.scores), 'tree')}  {scores}"
+    )
     write_image(path, drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from basetree.counts import counted
+
 Figures = dict[str, Any]
 
 _PRECISIONS = ("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large")
@@ -24,7 +26,7 @@ def summary_lines(figures: Figures) -> Iterator[str]:
     """Yield the most important results, one line each."""
     data, shown = figures["data"], figures["at_score"]
     yield f"{title_of(figures)} on {data['folder']}, {data['split']}"
-    yield f"{data['frames']} frames, {data['trees']} trees"
+    yield f"{counted(data['frames'], 'frame')}, {counted(data['trees'], 'tree')}"
     for line in data["notes"]:
         yield f"data: {line}"
     yield f"{'':9}" + "".join(f"{head:>8}" for head in _HEADS)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from basetree.counts import counted
 from basetree.errors import SettingsError
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
@@ -168,7 +169,8 @@ def _part(dataset: Dataset, split: str) -> Dataset:
     parts = divide(dataset.frames, {"val": DEFAULT_SHARES["val"]})
     count, name = len(parts["val"]), dataset.labels.path.name
     note = (
-        f"{name} names no split: {count} of {len(dataset.frames)} pictures are val, with those that"
+        f"{name} names no split: {count} of {counted(len(dataset.frames), 'picture')} are"
+        " val, with those that"
         " look alike on one side; all are seen by this training, so that only pictures of"
         " elsewhere tell how good it is (perceptree data split sets some apart)"
     )

@@ -180,5 +180,5 @@ def test_the_program_of_your_own_says_how_it_went(
     monkeypatch.setattr(sys, "argv", ["camera.py", str(sample.image_path)])
     runpy.run_path(str(EXAMPLES / "camera.py"), run_name="__main__")
     assert capsys.readouterr().out == (
-        "ended: 0 frame(s), 0.0 per second, 1 left out: without depth, which the model takes\n"
+        "ended: 0 frames, 0.0 per second, 1 left out: without depth, which the model takes\n"
     )

@@ -52,7 +52,7 @@ def result_of(rows: list[dict[str, Any]], networks: list[str | None] | None = No
         "onnxruntime": "1.31.1",
         "date": "2026-11-24 22:00 UTC",
     }
-    method = {"rounds": 3, "duration_s": 1.0, "minutes": 0.0, "frames": "6 frame(s) of a folder"}
+    method = {"rounds": 3, "duration_s": 1.0, "minutes": 0.0, "frames": "6 frames of a folder"}
     peak = {"2": {"float32": 98.7, "int8": 400.0, "bfloat16": None}}
     measured = {"peak": peak, "rows": rows}
     return make_result(measured, environment, method, networks or [None] * len(rows))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from basetree.counts import counted
 from basetree.errors import EdgetreeError, InputError
 from edgetree.live.recording.file import RecordingFile, new_recording
 from edgetree.live.recording.messages import RecordingMessages
@@ -43,11 +44,11 @@ class RecorderStatus:
 
     def line(self) -> str:
         """The state as a part of a line of text."""
-        parts = [f"{self.written} recording(s)"]
+        parts = [f"{counted(self.written, 'recording')}"]
         if self.failed:
-            parts.append(f"{self.failed} recording(s) failed")
+            parts.append(f"{counted(self.failed, 'recording')} failed")
         if self.left_out:
-            parts.append(f"{self.left_out} frame(s) missing in recordings")
+            parts.append(f"{counted(self.left_out, 'frame')} missing in recordings")
         return ", ".join(parts)
 
 
@@ -184,4 +185,4 @@ class FrameRecorder:
         counts = {"frames": file.frames, "left_out": self._queue.left_out}
         file.close({**self._about, **counts, "marks": marks})
         self._written += 1
-        _log.info("recording %s: %d frame(s)", file.folder, file.frames)
+        _log.info("recording %s: %s", file.folder, counted(file.frames, "frame"))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from basetree.arrays import Float
+from basetree.counts import counted
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES
@@ -107,7 +108,8 @@ def _warnings(stems: StemMap, row: int) -> tuple[str, ...]:
     warnings = []
     if stem["split_from"]:
         warnings.append(
-            f"split from stem {stem['split_from']}: {stem['frames']} frames saw it elsewhere"
+            f"split from stem {stem['split_from']}: {counted(stem['frames'], 'frame')}"
+            " saw it elsewhere"
         )
     for column, name in enumerate(QUANTITIES):
         if stem["conflict"][column] > 1.0:
@@ -119,6 +121,6 @@ def _warnings(stems: StemMap, row: int) -> tuple[str, ...]:
             )
     if stem["contradicting"]:
         warnings.append(
-            f"{stem['contradicting']} frames show the stem elsewhere and are not counted"
+            f"the stem is elsewhere in {counted(stem['contradicting'], 'frame')}, not counted"
         )
     return tuple(warnings)

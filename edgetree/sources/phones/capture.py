@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import calib
+from basetree.counts import counted
 from basetree.errors import InputError
 from edgetree.frames.frame import DepthNoise, Frame
 from edgetree.frames.rig import Rig
@@ -73,7 +74,9 @@ class Capture(BaseSource):
     def __init__(self, path: Path, rig: Rig, count: int) -> None:
         super().__init__(str(path))
         if not 1 <= count <= MOST_FRAMES:
-            raise InputError(f"capture {path} has {count} frames: expected 1 to {MOST_FRAMES}")
+            raise InputError(
+                f"capture {path} has {counted(count, 'frame')}: expected 1 to {MOST_FRAMES}"
+            )
         self.count = count
         self._path, self._rig = path, rig
         self._said_reduced = False

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from basetree.counts import counted
 from basetree.files.reading import read_text
 from basetree.files.regular import open_regular
 from calib import encode_rle
@@ -51,7 +52,7 @@ def read_cvat(folder: Path) -> Iterator[tuple[str | None, Path, dict[str, Any], 
             _read_image(image, path, splits.setdefault(split, Shapes()))
         for split, shapes in splits.items():
             content, lost = shapes.content(), shapes.lost_points
-            notes = [f"left out: {lost} points that lie in no tree"] if lost else []
+            notes = [f"left out: {counted(lost, 'point')} in no tree"] if lost else []
             yield split, path, content, notes
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from basetree.arrays import Float64
+from basetree.counts import counted
 from calib import encode_rle
 from perceptree.data.content import holds
 from perceptree.data.exchange.brush import unpack_brush
@@ -56,7 +57,7 @@ def read_label_studio(folder: Path) -> Iterator[tuple[str | None, Path, Task, li
             unlabelled += not _read_task(task, path, shapes)
         content, lost = shapes.content(), shapes.lost_points
         notes = [f"left out: {unlabelled} tasks without annotation"] if unlabelled else []
-        notes += [f"left out: {lost} points that lie in no tree"] if lost else []
+        notes += [f"left out: {counted(lost, 'point')} in no tree"] if lost else []
         yield None, path, content, notes
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from basetree.counts import counted
 from basetree.errors import InputFileError
 from basetree.files.reading import decode_image
 from calib import encode_rle
@@ -47,7 +48,7 @@ def read_labelme(folder: Path) -> Iterator[tuple[str | None, Path, dict[str, Any
             _read_file(path, folder, shapes)
         content = shapes.content()
         lost = shapes.lost_points
-        notes = [f"left out: {lost} points that lie in no tree"] if lost else []
+        notes = [f"left out: {counted(lost, 'point')} in no tree"] if lost else []
         yield split, folder / "labelme.json", content, notes
 
 

@@ -72,9 +72,9 @@ def test_rows_belong_together_by_how_they_ran() -> None:
     old = result_of([row_of("a"), row_of("a", threads=1), row_of("b")])
     new = result_of([row_of("a"), row_of("a", batch=4)])
     found = compare(old, new)
-    assert [row.row for row in found.rows] == ["a float32 800x800 cpu, 2 thread(s), batch 1"]
+    assert [row.row for row in found.rows] == ["a float32 800x800 cpu, 2 threads, batch 1"]
     assert len(found.only_old) == 2
-    assert found.only_new == ("a float32 800x800 cpu, 2 thread(s), batch 4",)
+    assert found.only_new == ("a float32 800x800 cpu, 2 threads, batch 4",)
     with pytest.raises(InputError, match="no row in common"):
         compare(result_of([row_of("a")]), result_of([row_of("c")]))
 
@@ -93,7 +93,7 @@ def test_the_command_ends_with_1_for_a_regression(run_cli: Any, tmp_path: Path) 
     done = run_cli("compare", files["old"], files["new"])
     assert done.code == 1
     assert "SLOWER" in done.out
-    assert done.err.splitlines()[-1] == "edgetree: 1 of 1 row(s) became worse"
+    assert done.err.splitlines()[-1] == "edgetree: 1 of 1 row became worse"
     done = run_cli("compare", files["new"], files["old"], "--json")
     assert done.code == 0
     assert json.loads(done.out)["rows"][0]["faster"]

@@ -58,7 +58,7 @@ def test_a_result_without_networks_of_the_paper_has_no_papers_table() -> None:
     assert "paper" not in text
     assert "58.3" in text
     assert "decode 1.5, pre 2.5, trunk 3.5" in text
-    assert "Peak of this machine with 2 thread(s)" in text
+    assert "Peak of this machine with 2 threads" in text
 
 
 def test_the_csv_has_every_row_with_its_stages_and_accuracy() -> None:
@@ -119,7 +119,7 @@ def test_a_stored_result_is_read_again(tmp_path: Path) -> None:
     result = result_of([row_of("r50")], ["r50"])
     path.write_text(json.dumps(result))
     (row,) = read_result(path).rows
-    assert row.key == "r50 float32 800x800 cpu, 2 thread(s), batch 1"
+    assert row.key == "r50 float32 800x800 cpu, 2 threads, batch 1"
     assert [each.p50_ms for each in row.rounds] == [12345.6] * 3
     assert result["rows"][0]["paper"]["counted_network"] == "r50"
     assert result["rows"][0]["graph_flops"] == 2 * result["rows"][0]["graph_multiply_adds"]

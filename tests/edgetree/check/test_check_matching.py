@@ -58,7 +58,7 @@ def test_leading_zeros_that_a_spreadsheet_removed_are_found() -> None:
     result = match(machine, caliper(CaliperStem(2, READING, "12", 1)), 0.5)
     assert [pair.measured.frame for pair in result.pairs] == ["0012"]
     two = measured(*(MeasuredStem(frame, 1, VALUES) for frame in ("0012", "012")))
-    with pytest.raises(InputError, match="none of its 1 stems"):
+    with pytest.raises(InputError, match=r"none of its stems \(1\)"):
         match(two, caliper(CaliperStem(2, READING, "12", 1)), 0.5)
 
 
@@ -82,7 +82,7 @@ def test_a_stem_that_occurs_twice_is_named() -> None:
 
 
 def test_nothing_matched_is_an_error() -> None:
-    with pytest.raises(InputError, match=r"none of its 1 stems is in trees\.csv: expected its fr"):
+    with pytest.raises(InputError, match=r"none of its stems \(1\) is in .*: expected its frames"):
         match(measured(found(1)), caliper(CaliperStem(2, READING, "a", 9)), 0.5)
     with pytest.raises(InputError, match=r"expected positions within 0\.5 m"):
         match(measured(found(1, (0, 0, 5))), caliper(typed(2, 3, 0, 5)), 0.5)
@@ -150,5 +150,5 @@ def test_the_vertical_coordinate_may_be_left_out() -> None:
 def test_stems_of_other_frames_are_not_matched_by_position() -> None:
     machine = measured(MeasuredStem("a", 1, VALUES, (0, 0, 4)), MeasuredStem("b", 1, VALUES))
     stem = CaliperStem(2, READING, "b", None, (0, 0, 4))
-    with pytest.raises(InputError, match="none of its 1 stems"):
+    with pytest.raises(InputError, match=r"none of its stems \(1\)"):
         match(machine, caliper(stem), 0.5)

@@ -28,7 +28,7 @@ def test_bench_reports_this_machine(
     result = json.loads(done.out)
     assert result == json.loads(files["json"].read_text())
     assert len(read_result(files["json"]).rows) == 2
-    assert result["method"]["frames"].startswith("2 frame(s) of ")
+    assert result["method"]["frames"].startswith("2 frames of ")
     assert result["environment"]["cores"] >= 1
     assert [row["batch"] for row in result["rows"]] == [1, 3]
     row = result["rows"][0]

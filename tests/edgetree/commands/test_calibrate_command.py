@@ -131,7 +131,7 @@ def test_a_broken_picture_is_named_and_the_camera_is_written(
     assert calib.load_camera(out).width == 640
     lines = done.err.splitlines()
     assert lines[0].startswith(f"left out: image {broken} cannot be read")
-    assert lines[-1] == "edgetree: 1 of 15 frame(s) left out, see above"
+    assert lines[-1] == "edgetree: 1 of 15 frames left out, see above"
     record = json.loads(done.out)
     assert record["pictures"] == 14
     assert record["left_out"] == [lines[0].removeprefix("left out: ")]

@@ -133,7 +133,7 @@ def test_stems_are_matched_by_position_within_the_limit(run_cli: Cli, folder: Pa
     write_tables(folder, 4, factor=1.0)
     (folder / "caliper.csv").write_text("x_m,z_m,diameter_cm\n0.3,4,30\n2,4.6,30\n")
     done = run_cli(*CHECK)
-    assert "1 stems matched by position in the camera's frame, within 0.5 m" in done.out
+    assert "1 stem matched by position in the camera's frame, within 0.5 m" in done.out
     assert "caliper readings without a measured stem (1): line 3" in done.out
     assert "2 stems matched" in run_cli(*CHECK, "--max-distance", 0.7).out
 

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -48,7 +49,7 @@ def test_run_prints_one_json_line_per_frame(run_cli: Cli, model: Path, images: P
     assert tree["keypoints_px"]["felling_cut"] == [110.0, 300.0, 0.9]
     assert tree["score"] == 0.9
     assert tree["mask_rle"]["size"] == [360, 640]
-    assert "2 trees in 2 frame(s)" in done.err
+    assert "2 trees in 2 frames" in done.err
 
 
 def test_a_limit_of_pixels_holds_for_one_command(
@@ -135,8 +136,46 @@ def test_lines_and_pictures_are_written_to_the_given_paths(
     assert drawn.shape == plain.shape
     assert np.abs(drawn[60:300, 100:120].astype(int) - plain[60:300, 100:120]).mean() > 20
     assert f"pictures: {out}" in done.err
-    following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
-    assert run_cli(*following.split(), "--seconds", 0, "--rounds", 1).code == 0
+
+
+def test_the_next_command_is_one_that_was_not_done(
+    run_cli: Cli, model: Path, images: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(images.parent)
+    before = sorted(images.iterdir())
+    done = run_cli("run", "images", "--model", model)
+    following = _following(done.err)
+    assert following[-2:] == ["--out", "images_trees"]
+    assert run_cli(*following).code == 0
+    done = run_cli("run", "images", "--model", model, "--out", "drawn")
+    following = _following(done.err)
+    assert following[-2:] == ["--report", "images_trees.html"]
+    done = run_cli(*following, "--out", "drawn")
+    following = _following(done.err)
+    assert following[0] == "bench"
+    assert run_cli(*following, "--seconds", 0, "--rounds", 1).code == 0
+    assert sorted(images.iterdir()) == before
+
+
+def _following(err: str) -> list[str]:
+    return shlex.split(err.splitlines()[-1].removeprefix("next: edgetree "))
+
+
+def test_people_at_a_terminal_get_a_short_line_for_each_frame(
+    run_cli: Cli, model: Path, images: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera, depth = images.parent / "camera.json", images.parent / "depth"
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    done = run_cli("run", images, "--model", model)
+    assert done.out == "a: 1 tree\nb: 1 tree\n"
+    done = run_cli("run", images, "--model", model, "--depth", depth, "--camera", camera)
+    for name, line in zip("ab", done.out.splitlines(), strict=True):
+        assert re.fullmatch(rf"{name}: 1 tree, (no diameter|diameter .* ± .* cm)", line)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: False)
+    assert [line["frame"] for line in _lines(run_cli("run", images, "--model", model).out)] == [
+        "a",
+        "b",
+    ]
 
 
 def test_the_score_threshold_is_applied(run_cli: Cli, model: Path, images: Path) -> None:

@@ -22,7 +22,7 @@ def test_a_kit_is_made_run_and_checked(run_cli: Cli, tmp_path: Path) -> None:
     checked = run_cli("conformance", "check", kit, results)
     assert checked.code == 0
     assert checked.out.splitlines()[-1] == "passed: it finds the kit's trees"
-    assert "ms a frame, 1 thread(s)" in checked.out
+    assert "ms a frame, 1 thread" in checked.out
 
     data = json.loads(results.read_text("utf-8"))
     data["frames"][0]["trees"] = []

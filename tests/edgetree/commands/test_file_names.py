@@ -85,4 +85,4 @@ def test_calibrate_reads_such_pictures(folder: Path) -> None:
     board = ("--board", "checkerboard:9x6:0.025", "--out", folder / "camera.json")
     done = edgetree("calibrate", folder / "images", *board)
     assert done.returncode == 1, done.stderr
-    assert "0 of 1 pictures show the board" in done.stdout
+    assert "0 of 1 picture show the board" in done.stdout

@@ -36,7 +36,16 @@ def test_every_frame_is_one_line(run_cli: Cli, source: tuple[object, ...]) -> No
     assert [first["schema"], first["frame"], second["frame"]] == ["edgetree.live/1", 0, 1]
     assert len(second["trees"]) == 1
     assert second["trees"][0]["metres"]["distance_m"] == pytest.approx(4.75, abs=0.1)
-    assert "ended: 2 frame(s)" in done.err
+    assert "ended: 2 frames" in done.err
+
+
+def test_people_at_a_terminal_get_a_short_line_for_each_frame(
+    run_cli: Cli, source: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    first, second = run_cli("live", *source).out.splitlines()
+    assert first.startswith("a: 1 tree, ")
+    assert second.endswith("1 stem followed")
 
 
 def test_results_go_to_files(run_cli: Cli, source: tuple[object, ...], tmp_path: Path) -> None:
@@ -184,7 +193,7 @@ def test_all_input_is_recorded_and_gives_the_same_trees(
     folder = tmp_path / "recordings"
     done = run_cli("live", *source, "--record", folder, "--record-all")
     assert done.code == 0, done.err
-    assert f"1 recording(s) in {folder}" in done.err
+    assert f"1 recording in {folder}" in done.err
     (recording,) = folder.iterdir()
     again = run_cli("live", recording, "--model", model)
     assert again.code == 0, again.err
@@ -215,7 +224,7 @@ def test_how_it_goes_is_said_every_few_seconds(
     assert done.code == 0, done.err
     told = [line for line in done.err.splitlines() if line.startswith("running: ")]
     assert 1 < len(told) < 9
-    assert all(line.endswith(", 0 recording(s)") for line in told)
+    assert all(line.endswith(", 0 recordings") for line in told)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="the system has no SIGUSR1")
@@ -234,7 +243,7 @@ def test_sigusr1_marks_and_sigterm_completes_the_recording(
     process.send_signal(signal.SIGTERM)
     told = process.communicate(timeout=60)[1]
     assert process.returncode == 143
-    assert f"2 recording(s) in {folder}" in told
+    assert f"2 recordings in {folder}" in told
     assert len(list(folder.iterdir())) == 2
     for recording in folder.iterdir():
         assert run_cli("live", recording, "--model", model, "--frames", 2).code == 0

@@ -108,6 +108,7 @@ def test_the_table_and_the_next_command_are_printed(
     assert re.search(r"^ +1 +31\.2 ± 0\.8 cm +– +– +– +4\.00 ± 0\.03 m$", done.out, re.MULTILINE)
     assert "no DBH, cut height, lean, axis distance, taper, seen volume: no ground" in done.out
     assert "warning: a high stump" in done.out
+    following = ""
     for file in ("a_trees.jpg", "a_trees.csv"):
         following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
         done = run_cli(*shlex.split(following))

@@ -134,7 +134,7 @@ def test_unusable_depth_of_one_frame_does_not_stop_the_run(
     first, second = (json.loads(line)["trees"][0]["metres"] for line in done.out.splitlines())
     assert "no pixel has depth" in first["diameter_failure"]
     assert "diameter_m" in second
-    assert "unusable depth in 1 frame(s): depth depth" in done.err
+    assert "unusable depth in 1 frame: depth depth" in done.err
 
 
 def test_cut_points_are_given_in_camera_and_machine_frame(
@@ -161,7 +161,7 @@ def test_cut_points_are_given_in_camera_and_machine_frame(
     following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
     again = run_cli(*shlex.split(following))
     assert again.code == 0, again.err
-    assert (folder / "pictures" / "a_trees.jpg").exists()
+    assert (folder / "images_trees" / "a_trees.jpg").exists()
 
 
 def test_missing_depth_of_any_frame_is_reported(run_cli: Cli, model: Path, folder: Path) -> None:

@@ -67,8 +67,8 @@ def test_a_broken_image_is_named_and_the_others_are_kept(
     assert frames_in(files) == ["a", "b"]
     lines = done.err.splitlines()
     assert lines[0].startswith(f"left out: image {mixed / 'aa.jpg'} cannot be read (8 bytes)")
-    assert "2 trees in 2 frame(s)" in lines[1]
-    assert lines[-1] == "edgetree: 1 of 3 frame(s) left out, see above"
+    assert "2 trees in 2 frames" in lines[1]
+    assert lines[-1] == "edgetree: 1 of 3 frames left out, see above"
     page = files["report.html"].read_text()
     assert f"<h2>1 frame left out</h2><ul><li>image {mixed / 'aa.jpg'} cannot be read" in page
 
@@ -76,10 +76,10 @@ def test_a_broken_image_is_named_and_the_others_are_kept(
 def test_bench_measures_the_other_frames(run_cli: Cli, model: Path, mixed: Path) -> None:
     done = run_cli("bench", model, "--frames", mixed, *("--seconds", 0, "--rounds", 1, "--json"))
     assert done.code == 1
-    assert json.loads(done.out)["method"]["frames"].startswith("2 frame(s)")
+    assert json.loads(done.out)["method"]["frames"].startswith("2 frames")
     lines = done.err.splitlines()
     assert lines[0].startswith(f"left out: image {mixed / 'aa.jpg'} cannot be read (8 bytes)")
-    assert lines[-1] == "edgetree: 1 of 3 frame(s) left out, see above"
+    assert lines[-1] == "edgetree: 1 of 3 frames left out, see above"
 
 
 def test_a_frame_that_does_not_fit_the_camera_is_left_out(
@@ -114,7 +114,7 @@ def test_a_folder_without_a_usable_frame_writes_nothing(
     files = outputs(tmp_path)
     done = run_cli("run", mixed, "--model", model, *options(files))
     assert done.code == 2
-    assert done.err.splitlines()[-1].startswith("edgetree: all 1 frame(s) are left out: expected")
+    assert done.err.splitlines()[-1].startswith("edgetree: all 1 frame left out: expected")
     assert not any(path.exists() for path in files.values())
 
 

@@ -98,7 +98,7 @@ def test_a_broken_frame_is_left_out_of_the_merged_results(
     (reason,) = json.loads(done.out)["left_out"]
     assert reason.startswith(f"image {frames / 'd.jpg'} cannot be read")
     assert done.err.splitlines()[0] == f"left out: {reason}"
-    assert done.err.splitlines()[-1].endswith("1 of 8 frame(s) left out, see above")
+    assert done.err.splitlines()[-1].endswith("1 of 8 frames left out, see above")
 
 
 def test_merged_lines_go_to_stdout(run_cli: Cli, frames: Path, model: Path, tmp_path: Path) -> None:

@@ -84,7 +84,7 @@ def test_beside_a_full_stdout_the_table_is_written(
     assert first == (
         "standard output: No space left on device: it is given up, and the other outputs go on"
     )
-    assert last == ("edgetree: standard output lacks 1 of 1 frame(s) (No space left on device)")
+    assert last == ("edgetree: standard output lacks 1 of 1 frame (No space left on device)")
     assert len(csv.read_text().splitlines()) == 2
     assert not list(tmp_path.glob(".*"))
 
@@ -147,6 +147,6 @@ def test_a_full_disk_leaves_nothing_and_the_other_outputs_go_on(
         assert last.startswith(f"edgetree: {out} cannot be written (File too large)")
         return
     assert done.returncode == 1, done.stderr
-    lacks = "lacks 2 of 2 frame(s)" if option == "--out" else "is not written"
+    lacks = "lacks 2 of 2 frames" if option == "--out" else "is not written"
     assert last == f"edgetree: {option} {out} {lacks} (File too large)"
     assert len(done.stdout.splitlines()) == 2

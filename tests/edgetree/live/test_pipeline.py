@@ -162,7 +162,7 @@ def test_the_state_says_that_the_source_is_lost(detector: TreeDetector) -> None:
     while pipeline.status.state != "lost" and time.monotonic() < deadline:
         time.sleep(0.01)
     assert pipeline.status.state == "lost"
-    assert "source lost 1 time(s)" in pipeline.status.line()
+    assert "source lost 1 time" in pipeline.status.line()
     pipeline.stop()
     waiting.join(PATIENCE_S)
     assert not waiting.is_alive()

@@ -51,8 +51,8 @@ def test_disagreeing_sources_increase_the_standard_deviation(stand):
     torn = stand.measure(replace(trees, keypoints_px=keypoints), settings=None)
     [warning] = torn.evidence.warnings
     assert warning == (
-        f"keypoints and mask disagree: {torn.evidence.source_diameters_m['keypoints']:.2f} m"
-        f" and {torn.evidence.source_diameters_m['mask']:.2f} m"
+        f"keypoints and mask disagree: {100 * torn.evidence.source_diameters_m['keypoints']:.1f} cm"
+        f" and {100 * torn.evidence.source_diameters_m['mask']:.1f} cm"
     )
     agreed = stand.measure(trees, settings=None)
     assert agreed.evidence.warnings == ()
@@ -104,7 +104,7 @@ def test_a_high_stump_gives_a_warning(scene, pole, cut_m, warned):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=cut_m, section_m=0.5))
     tree = stand.measure()
     std_m = tree.cut_height_m.std
-    expected = f"the stump would be {cut_m:.2f} ± {std_m:.2f} m high, limit 0.30 m"
+    expected = f"the stump would be {100 * cut_m:.0f} ± {100 * std_m:.0f} cm high, limit 30 cm"
     assert tree.evidence.warnings == ((expected,) if warned else ())
     assert stand.measure(settings=MeasureSettings(max_stump_height_m=0.5)).evidence.warnings == ()
 

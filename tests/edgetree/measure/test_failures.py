@@ -151,14 +151,14 @@ def test_no_ground_around_the_base(stand):
 
 def test_an_implausible_diameter_is_a_failure(stand):
     tree = stand.measure(settings=MeasureSettings(max_diameter_m=0.25))
-    assert all_fail(tree, "a diameter of 0.30 m is not plausible")
+    assert all_fail(tree, "a diameter of 30.0 cm is not plausible")
 
 
 def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole, exact):
     stand = scene(pole(0.05, 0.0, 8.0))
     bare = replace(stand.detections(), masks=None)
     tree = stand.measure(bare, settings=replace(exact, keypoint_std_px=4.0))
-    assert tree.diameter_m.reason == "the diameter is too uncertain: 0.05 m ± 0.07 m"
+    assert tree.diameter_m.reason == "the diameter is too uncertain: 5.0 ± 6.6 cm"
     assert tree.distance_m.value == pytest.approx(
         np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)), rel=0.01
     )
@@ -205,7 +205,7 @@ def test_a_cut_below_the_ground_is_a_failure(scene, pole):
     tree = stand.measure(moved(stand.detections(), 0, 0, 45))
     for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
         assert isinstance(result, Failure)
-        assert "m below the ground" in result.reason
+        assert "cm below the ground" in result.reason
 
 
 @pytest.mark.parametrize("far_px", [1e5, 1e30])

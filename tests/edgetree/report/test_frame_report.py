@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gc
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from edgetree.detections import TreeDetections
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
-from edgetree.report import report_file
+from edgetree.report import ReportHead, report_file
 from edgetree.report.units import UNITS
 from edgetree.results.units import AMOUNTS
 
@@ -204,7 +205,7 @@ def test_without_depth_the_report_says_what_is_missing(
     reason = (
         "metres need depth: pass --depth and --camera; or without depth --camera-height or --marker"
     )
-    assert [cell.text for cell in page.rows[1]] == ["2", "not measured", reason]
+    assert ["2", "all values", reason] in [[cell.text for cell in row] for row in page.rows]
     assert all(reason in row["remarks"].text for row in page.trees)
 
 
@@ -240,7 +241,7 @@ def test_a_run_that_is_killed_leaves_nothing_for_long(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from edgetree.report import report_file\n"
+        "from edgetree.report import ReportHead, report_file\n"
         "with report_file(Path(sys.argv[1]), 's', 'm') as add:\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
@@ -328,9 +329,58 @@ def test_the_summary_counts_trees_and_reasons(tmp_path: Path) -> None:
     page = written(tmp_path / "r.html", *results)
     for words in ("3 frames", "4 trees found", "2 of 4 trees with", "40.6 cm median diameter"):
         assert words in page.text
-    missing = [[cell.text for cell in row] for row in page.rows[1:4]]
-    assert missing[0] == ["2", "not measured", "no depth on the stem"]
+    missing = [[cell.text for cell in row] for row in page.rows]
+    assert ["2", "all values", "no depth on the stem"] in missing
     assert "b 0 trees, 0 with a diameter" in page.text
+
+
+def test_a_reason_is_said_once_with_all_that_it_leaves_out(tmp_path: Path) -> None:
+    short = replace(MEASURED, dbh_m=Failure("plants"), cut_height_m=Estimate(0.2, 0.01))
+    more = replace(MEASURED, dbh_m=Failure("plants"), cut_height_m=Failure("plants"))
+    page = written(tmp_path / "r.html", result("a", short, more))
+    rows = [[cell.text for cell in row] for row in page.rows]
+    assert [row for row in rows if row[-1] == "plants"] == [["2", "DBH, cut height", "plants"]]
+
+
+def test_totals_have_intervals_in_which_the_rig_does_not_average_away(tmp_path: Path) -> None:
+    trees = [
+        replace(
+            MEASURED,
+            diameter_m=Failure("no cut"),
+            dbh_m=Estimate(value, 0.005),
+            rig_std={"dbh_m": 0.003},
+            volume_m3=Estimate(0.5, 0.1),
+        )
+        for value in (0.2, 0.2, 0.4, 0.4)
+    ]
+    head = ReportHead("Stand 7", "Evo <east>", 0.01)
+    with report_file(tmp_path / "r.html", "images", "the model m", head=head) as add:
+        add(result("a", *trees, replace(MEASURED, diameter_m=Failure("no cut"))))
+    page = read(tmp_path / "r.html")
+    rows = {row[0].text: [cell.text for cell in row[1:]] for row in page.rows}
+    # 0.4 cm of 0.5 is of each tree alone: 0.2 cm for the mean of four, beside 0.3 cm of the rig.
+    assert rows["mean DBH"] == ["30.0 ± 0.4 cm", "4 of 5"]
+    assert rows["quadratic mean DBH"] == ["31.6 ± 0.3 cm", "4 of 5"]
+    assert rows["basal area on 0.01 ha"][0].startswith("31.4 ± 0.7 m²/ha")
+    assert rows["sum of stem volumes"] == ["2.000 ± 0.400 m³", "4 of 5"]
+    assert "mean diameter at the felling cut" not in rows
+    assert re.search(r"Evo <east>, \d{4}-\d\d-\d\d\. Pictures: images\.", page.text)
+    assert "Stand 7" in page.text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--title", "Stand"), "--title given without --report: expected both"),
+        (("--area", 0, "--report", "r.html"), "--area is 0.0: expected hectares above 0"),
+        (("--area", "nan", "--report", "r.html"), "--area is nan: expected hectares above 0"),
+    ],
+)
+def test_wrong_options_of_the_report_are_one_line(
+    run_cli: Cli, model: Path, folder: Path, options: tuple[object, ...], words: str
+) -> None:
+    done = run_cli("run", "images", "--model", model, *options)
+    assert (done.code, done.err) == (2, f"edgetree: {words}\n")
 
 
 def test_diameters_are_counted_in_classes_of_4_cm(tmp_path: Path) -> None:

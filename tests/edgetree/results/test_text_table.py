@@ -101,6 +101,21 @@ def test_long_reasons_are_wrapped() -> None:
     assert max(map(len, lines)) <= 100
 
 
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    leaning = replace(MEASURED, dbh_m=Estimate(0.3, 0.01), cut_height_m=Estimate(0.2, 0.01))
+    lines = list(table_lines([leaning, MEASURED], (1, 12), width=width))
+    assert max(map(len, lines)) <= width
+    text = " ".join(" ".join(lines).split())
+    for value in ("31.2 ± 0.8 cm", "30.0 ± 1.0 cm", "4.1 ± 0.9° right", "5.26 ± 0.05 m"):
+        assert value in text  # in its column or in a line below, and not cut in two
+
+
+def test_options_in_reasons_are_not_cut_in_two() -> None:
+    failed = TreeMeasurement.failed(f"{'metres ' * 9}need --camera-height")
+    assert "--camera-height" in "\n".join(table_lines([failed], (1,), width=80))
+
+
 def test_an_empty_table_says_no_trees() -> None:
     assert list(table_lines([], ())) == ["no trees"]
 

@@ -167,7 +167,7 @@ def test_run_says_it_once_and_in_the_record(
     assert record["advice"] == f"try --model {DEFAULTS['rgb']}, {advice}"
     told = [line for line in done.err.splitlines() if "unlike the training pictures" in line]
     assert len(told) == 1
-    assert "1 of 2 frame(s) unlike the training pictures, the first: b: contrast is" in told[0]
+    assert "1 of 2 frames unlike the training pictures, the first: b: contrast is" in told[0]
     assert told[0].endswith(f"usually 50 to 90; {record['advice']}")
     assert page.read_text(encoding="utf-8").count("unlike the training pictures") >= 1
 

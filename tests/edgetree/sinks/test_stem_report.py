@@ -75,7 +75,7 @@ def test_the_newest_pictures_are_kept_and_older_stems_counted(
         results.append(dataclasses.replace(result, tracks=tracks))
     page = written(tmp_path / "a.html", *results)
     assert [number for _, number, _ in entries(page)] == [12, 13]
-    assert "2 older stem(s): this page has the 2 newest pictures" in page
+    assert "2 older stems: this page has the 2 newest pictures" in page
     assert "<b>2</b><span>pictures</span>" in page
     assert "<h2>Left out</h2>" in page
     assert "frames" not in page

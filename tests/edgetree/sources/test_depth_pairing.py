@@ -141,7 +141,7 @@ def test_one_unusable_depth_image_is_left_out(
     assert done.code == 1
     assert [json.loads(line)["frame"] for line in done.out.splitlines()] == ["a"]
     assert "b.png" in next(line for line in done.err.splitlines() if "left out" in line)
-    assert done.err.splitlines()[-1] == "edgetree: 1 of 2 frame(s) left out, see above"
+    assert done.err.splitlines()[-1] == "edgetree: 1 of 2 frames left out, see above"
     shards = ("--shards", tmp_path / "parts", "--jsonl", tmp_path / "a.jsonl")
     done = run_cli("run", *given, *shards)
     assert done.code == 1

@@ -137,7 +137,7 @@ def test_labelme_polygon_and_points_without_a_group(tmp_path: Path) -> None:
     np.testing.assert_allclose(other.box_px, [60, 10, 75, 50])
     assert not other.keypoints.any()
     np.testing.assert_allclose(tree.keypoints[:, :2], list(POINTS.values()))
-    assert "left out: 1 points that lie in no tree" in dataset.notes
+    assert "left out: 1 point in no tree" in dataset.notes
 
 
 def test_labelme_mask(tmp_path: Path) -> None:

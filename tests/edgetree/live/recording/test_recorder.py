@@ -334,7 +334,7 @@ def test_a_mark_by_a_signal_within_write_breaks_nothing(record, recordings, resu
         one.write(result(0))
         write_interrupted(one, result(200), line)
         one.close()
-        assert one.status.line() == "1 recording(s)"
+        assert one.status.line() == "1 recording"
         (folder,) = set(recordings()) - known
         known.add(folder)
         assert set(numbers(folder)) <= {0, 200}

@@ -103,7 +103,7 @@ def test_views_elsewhere_split_the_stem(rng):
         tracks = tracker.update(*forest.observe(3.0 + index / 10, (1.2, 0.0), 90.0))
         counts.append(len(tracks))
         if index == 0:
-            assert tracks[0].warnings == ("1 frames show the stem elsewhere and are not counted",)
+            assert tracks[0].warnings == ("the stem is elsewhere in 1 frame, not counted",)
             assert tracks[0].position_m.xyz_m[1] == pytest.approx(5.0, abs=0.1)
     assert counts[0] == 1
     assert counts[-1] == 2

@@ -1,0 +1,13 @@
+"""Numbers with their noun, for messages."""
+
+from __future__ import annotations
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun in the singular or the plural, which ends in s.
+
+    Examples:
+        >>> counted(1, "tree"), counted(0, "frame"), counted(12000, "step")
+        ('1 tree', '0 frames', '12000 steps')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
