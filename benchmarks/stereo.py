@@ -1,6 +1,6 @@
 """Measure stems in stereo pairs of rendered pictures, whose truth is known.
 
-    python -m benchmarks.stereo --seeds 1000 1040 --result benchmarks/results/stereo.json
+python -m benchmarks.stereo --seeds 1000 1040 --result benchmarks/results/stereo.json
 
 Stems and sloping ground of `benchmarks.metres` are seen by two cameras 12 cm apart. Bark and ground
 have a texture of random values in space, which is the same for both cameras; each picture has noise

@@ -13,6 +13,7 @@ from pathlib import Path
 from benchmarks.tools.program import command_line
 
 LABELS = "test_RGB.json"
+FRAMES = 20
 LEFT_OUT = ("depth8_file", "depth_exact_file", "depth_exact_stride_px", "realism")
 
 
@@ -23,9 +24,14 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
     labels = json.loads((arguments.drive / LABELS).read_text())
-    for folder in ("images", "depth", "imu"):
-        shutil.copytree(arguments.drive / folder, arguments.out / folder)
+    shutil.copytree(arguments.drive / "imu", arguments.out / "imu")
+    labels["images"] = sorted(labels["images"], key=lambda image: image["time_s"])[:FRAMES]
+    kept = {image["id"] for image in labels["images"]}
+    labels["annotations"] = [tree for tree in labels["annotations"] if tree["image_id"] in kept]
     for image in labels["images"]:
+        for name in (image["file_name"], image["depth_file"]):
+            (arguments.out / name).parent.mkdir(exist_ok=True)
+            shutil.copyfile(arguments.drive / name, arguments.out / name)
         for field in LEFT_OUT:
             image.pop(field, None)
     for tree in labels["annotations"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from edgetree.frames.pipeline import FrameResult
 from edgetree.live.tracking.tracker import StemTracker
@@ -41,4 +41,5 @@ def followed(result: FrameResult, tracker: StemTracker) -> LiveResult:
     if measurements is None:
         measurements = [TreeMeasurement.failed(result.metres_need or "")] * len(result.trees)
     tracks = tracker.update(result.frame, result.trees, measurements)
-    return LiveResult(**vars(result), tracks=tracks)
+    given = {each.name: getattr(result, each.name) for each in fields(FrameResult)}
+    return LiveResult(**given, tracks=tracks)

@@ -223,7 +223,10 @@ def _open_folder(
         if depth.resolve() == folder.resolve():
             paths = [path for path in paths if not is_depth_name(path.stem)] or paths
             present -= {path.name for path in paths}
-        has_clouds = not any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+        has_depth = any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+        has_clouds = (
+            any(name.lower().endswith(CLOUD_SUFFIXES) for name in present) and not has_depth
+        )
         expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
         paired = depth_names(paths, present, str(folder), str(depth), expected)
         if paired.remark is not None:

@@ -63,6 +63,7 @@ EXCEPTIONS = {
     "edgetree/live/page/document.py:_asset": OWN,
     "edgetree/live/recording/file.py:run_record": SUMS,
     "edgetree/report/frame_report.py:_asset": OWN,
+    "edgetree/sample_files.py:_copy": OWN,
     "edgetree/samples.py:_read_sample": OWN,
     "edgetree/shards/work.py:_model_here": SUMS,
     "edgetree/shards/work.py:model_files": SUMS,

@@ -95,7 +95,7 @@ WRONG = {
     "no calibration": ("run left --right right", "--right given without --camera"),
     "depth as well": (
         "run left --right right --camera pair.json --depth left",
-        "--depth given with --right",
+        "--right given with --depth",
     ),
     "one camera": ("run left --right right --camera one.json", "no known format of a stereo pair"),
     "fewer pictures": ("run left --right fewer --camera pair.json", "has 2 pictures and fewer has"),

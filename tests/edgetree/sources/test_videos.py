@@ -162,7 +162,7 @@ def test_a_stream_without_time_stamps_has_rising_times(
     assert times == sorted(set(times))
 
 
-@pytest.mark.parametrize("suffix", [".txt", ".ts", ".mkv", ".bin", ".nfo", ""])
+@pytest.mark.parametrize("suffix", [".txt", ".ts", ".mkv", ".dat", ".nfo", ""])
 def test_text_and_noise_are_no_videos(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     for content in (b"export const a = 1;\n" * 50, bytes(range(256)) * 40, b""):

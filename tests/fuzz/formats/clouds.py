@@ -28,7 +28,7 @@ def _las() -> tuple[bytes, ...]:
         return ()
     packed = io.BytesIO()
     laspy.read(io.BytesIO(las())).write(packed, do_compress=True)
-    return las(), las(feet=True), packed.getvalue()
+    return las(), packed.getvalue()
 
 
 FORMATS = {
