@@ -145,9 +145,9 @@ def viewpoint_m(points_m: Float) -> Float:
                 continue
             place = np.array([x, y, _ground_m(near) + _EYE_M])
             # The square root prefers points on all sides to as many on one.
-            seen = float(np.sqrt(_seen(points, place)).sum())
-            if seen > most and _room_m(points, place) >= _ROOM_M:
-                best, most = place, seen
+            openness = float(np.sqrt(_seen(points, place)).sum())
+            if openness > most and _room_m(points, place) >= _ROOM_M:
+                best, most = place, openness
     return best
 
 
