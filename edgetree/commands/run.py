@@ -262,7 +262,7 @@ def run(
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
-    is_read = lines is sys.stdout and sys.stdout.isatty()  # by people
+    is_read = lines == sys.stdout and sys.stdout.isatty()  # by people
     guarded = GuardedOutputs(others=as_json)
     with warnings_shown(), guarded:
         frames = inputs.open(source, rig, pair, detector)

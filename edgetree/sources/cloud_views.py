@@ -137,7 +137,8 @@ def viewpoint_m(points_m: Float) -> Float:
         if seen.min() >= _LEAST_SHARE * seen.mean() > 0 and (low < 0).all() and (high > 0).all():
             return origin
     cell_m = max(_CELL_M, math.sqrt(float(np.prod(np.maximum(high - low, 1.0)[:2])) / _MOST_CELLS))
-    best, most = np.append(points[:, :2].mean(0), _ground_m(points[:, 2]) + _EYE_M), -1.0
+    best: Float = np.append(points[:, :2].mean(0), _ground_m(points[:, 2]) + _EYE_M)
+    most = -1.0
     for x in np.arange(low[0] + cell_m / 2, high[0], cell_m):
         for y in np.arange(low[1] + cell_m / 2, high[1], cell_m):
             near = points[np.hypot(points[:, 0] - x, points[:, 1] - y) < 2 * cell_m, 2]

@@ -96,11 +96,11 @@ class _StereoFrames(BaseSource):
         super().__init__(f"{left} and {right}")
         self._sides = [open_source(path, upright=False) for path in (left, right)]
         counts = [side.count for side in self._sides]
-        if None not in counts and counts[0] != counts[1]:
+        first, second = counts
+        if first is not None and second is not None and first != second:
             raise InputError(
-                f"{left} has {counted(counts[0], 'picture')} and {right} has {counts[1]}:"
-                " expected as many, in"
-                " the same order"
+                f"{left} has {counted(first, 'picture')} and {right} has {second}:"
+                " expected as many, in the same order"
             )
         self.count = counts[0]
         self._pair, self._rig = pair, rig

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import sys
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "support"))
 from cloud_files import (
     PLY_TEXT,
     kitti,
