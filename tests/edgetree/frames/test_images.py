@@ -38,7 +38,7 @@ def test_each_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
 
 BAD = {
     "another size": ("m.png", _mask()[:24, :32], r"m\.png is 32x24 px: expected 64x48 px"),
-    "colours": ("m.png", np.ones((48, 64, 3), np.uint8), r"m\.png has 3 channel\(s\) of uint8"),
+    "colours": ("m.png", np.ones((48, 64, 3), np.uint8), r"m\.png has 3 channels of uint8"),
     "no tree": (
         "m.png",
         np.zeros((48, 64), np.uint8),
