@@ -74,7 +74,7 @@ def test_scenes_and_pictures_that_look_alike_stay_together(pictures: list[Path])
 
 def test_wrong_shares_and_too_few_groups(pictures: list[Path]) -> None:
     frames = [frame(number, path) for number, path in enumerate(pictures[:10])]
-    with pytest.raises(DatasetError, match=r"10 pictures form 1 groups .* at least 3"):
+    with pytest.raises(DatasetError, match=r"10 pictures form 1 group .* at least 3"):
         divide(frames, SHARES, "folder")
     for shares in ({"val": -0.1}, {"val": 0.6, "test": 0.6}, {"val": 0.0}, {"val": float("nan")}):
         with pytest.raises(SettingsError):
