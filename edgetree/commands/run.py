@@ -262,7 +262,7 @@ def run(
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
-    is_read = lines == sys.stdout and sys.stdout.isatty()  # by people
+    on_terminal = lines == sys.stdout and sys.stdout.isatty()
     guarded = GuardedOutputs(others=as_json)
     with warnings_shown(), guarded:
         frames = inputs.open(source, rig, pair, detector)
@@ -273,7 +273,7 @@ def run(
                 name,
                 lambda: (
                     LinesSink(sys.stdout, frame_line)
-                    if is_read
+                    if on_terminal
                     else JsonLinesSink(lines, record, grows=False)
                 ),
             )
@@ -286,7 +286,7 @@ def run(
         def measure(frame: Frame) -> FrameResult:
             return process(frame, detector, rig, settings, views)
 
-        results = frame_results(frames, measure, left_out, shown=not is_read)
+        results = frame_results(frames, measure, left_out, shown=not on_terminal)
         is_interrupted = _write_all(results, writes)
         left_out.check_some(totals.frames)
     if as_json:

@@ -39,7 +39,7 @@ from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
-from edgetree.measure.taper import HeightScale, StemDiameters, Taper, read_diameters
+from edgetree.measure.taper import StemDiameters, Taper, height_scale, read_diameters
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import volume_by_dbh
 from edgetree.measure.width import MaskWidths
@@ -261,7 +261,7 @@ class FittedFrame:
         return read_diameters(
             stems,
             self.widths,
-            self._height_scale(cuts, grounds),
+            height_scale(stems, cuts, grounds),
             shared_std=np.linalg.norm(shared, axis=0),
             shape_std=BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
             breast_height_m=self.settings.breast_height_m,
@@ -271,41 +271,21 @@ class FittedFrame:
         """What the diameters along each stem tell; places of edges are in the camera's axes."""
         if self.frame.masks is None:
             unseen = Failure("the model gives no masks to see the edges of the stem")
+            without = Failure("the model gives no masks to see the stem at breast height")
             return [
-                Taper(self._breast_height_diameter(ground, None), unseen, unseen, unseen)
+                Taper(ground if isinstance(ground, Failure) else without, unseen, unseen, unseen)
                 for ground in grounds
             ]
-        dbh = map(self._breast_height_diameter, grounds, diameters.breast)
+        not_seen = Failure("the stem is not seen at breast height")
+        dbh = [
+            ground if isinstance(ground, Failure) else breast or not_seen
+            for ground, breast in zip(grounds, diameters.breast, strict=True)
+        ]
         profiles = [
             replace(profile, edges_m=self.frame.to_camera(profile.edges_m)) if profile else profile
             for profile in diameters.profiles()
         ]
-        parts = (profiles, diameters.tapers_cm_per_m(), diameters.volumes_m3())
-        return list(map(Taper, dbh, *parts))
-
-    def _height_scale(self, cuts: Float, grounds: list[BaseGround | Failure]) -> HeightScale:
-        """Heights above the ground along the axes, or from the section without a ground."""
-        stems, sections = self.stems, self.stems.sections
-        zero_m, per_m = np.zeros(len(cuts)), np.ones(len(cuts))
-        section_m = stems.distance_m * sections.height_ratio
-        cut_to_section_m = section_m - np.vecdot(cuts, sections.axes.along)
-        for index, ground in enumerate(grounds):
-            if isinstance(ground, BaseGround):
-                along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
-                above_m = ground.axis_length_m(cuts[index], along, radius_m, 0.0)
-                zero_m[index] = above_m - cut_to_section_m[index]
-                per_m[index] = ground.axis_per_height(along)
-        known = np.array([isinstance(ground, BaseGround) for ground in grounds])
-        return HeightScale(zero_m, per_m, known)
-
-    def _breast_height_diameter(
-        self, ground: BaseGround | Failure, dbh: Estimate | None
-    ) -> Estimate | Failure:
-        if isinstance(ground, Failure):
-            return ground
-        if self.frame.masks is None:
-            return Failure("the model gives no masks to see the stem at breast height")
-        return dbh or Failure("the stem is not seen at breast height")
+        return list(map(Taper, dbh, profiles, diameters.tapers_cm_per_m(), diameters.volumes_m3()))
 
     def measurement(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from edgetree.measure.constants.stems import (
     MIN_TAPER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure
+from edgetree.measure.ground import BaseGround
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.stem_fit import Stems
 from edgetree.measure.width import MaskWidths
@@ -65,6 +67,28 @@ class HeightScale(NamedTuple):
     zero_m: Float
     per_m: Float
     from_ground: Bool
+
+
+def height_scale(stems: Stems, cuts: Float, grounds: Sequence[BaseGround | Failure]) -> HeightScale:
+    """Heights above the ground along the axes, or from the section without a ground.
+
+    Args:
+        stems: T stems.
+        cuts: (T, 3) axis points at the felling cuts.
+        grounds: Ground at each stem.
+    """
+    sections = stems.sections
+    zero_m, per_m = np.zeros(len(cuts)), np.ones(len(cuts))
+    section_m = stems.distance_m * sections.height_ratio
+    cut_to_section_m = section_m - np.vecdot(cuts, sections.axes.along)
+    for index, ground in enumerate(grounds):
+        if isinstance(ground, BaseGround):
+            along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
+            above_m = ground.axis_length_m(cuts[index], along, radius_m, 0.0)
+            zero_m[index] = above_m - cut_to_section_m[index]
+            per_m[index] = ground.axis_per_height(along)
+    known = np.array([isinstance(ground, BaseGround) for ground in grounds])
+    return HeightScale(zero_m, per_m, known)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
