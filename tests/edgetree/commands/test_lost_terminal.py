@@ -6,6 +6,7 @@ import contextlib
 import csv
 import json
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -23,13 +24,14 @@ def test_a_closed_terminal_keeps_the_results_so_far(
 ) -> None:
     import pty
 
-    for copy in range(1000):
+    for copy in range(200):
         (images / f"c{copy}.jpg").write_bytes((images / "a.jpg").read_bytes())
     table, lines, out = (tmp_path / name for name in ("a.csv", "a.jsonl", "out"))
     options = ("--csv", table, "--jsonl", lines, "--out", out)
     command = [sys.executable, "-c", MAIN, "run", images, "--model", model, *options]
     child, terminal = pty.fork()
     if not child:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which `nohup` ignores for all below it
         os.execv(sys.executable, list(map(str, command)))
     end_s = time.monotonic() + PATIENCE_S
     while not (out.is_dir() and len(list(out.glob("*.jpg"))) > 3):
@@ -43,5 +45,5 @@ def test_a_closed_terminal_keeps_the_results_so_far(
     names = [json.loads(line)["frame"] for line in lines.read_text().splitlines()]
     with table.open(newline="") as stream:
         assert [row["frame"] for row in csv.DictReader(stream)] == names
-    assert 3 < len(names) < 1002
+    assert 3 < len(names) < 202
     assert not list(tmp_path.glob(".*"))
