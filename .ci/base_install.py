@@ -23,6 +23,7 @@ ABSENT = (
     "av",
     "rosbags",
     "mcap",
+    "mcap_protobuf",
     "zstandard",
     "laspy",
     "small_gicp",
@@ -30,6 +31,9 @@ ABSENT = (
     "ray",
     "fsspec",
     "s3fs",
+    "moto",
+    "playwright",
+    "supervision",
     "jsonschema",
 )
 FEWEST_PASSED = 400

@@ -1,6 +1,7 @@
 """The run of the runtime's tests without torch cannot pass by running nothing."""
 
 import os
+import re
 import runpy
 import subprocess
 import sys
@@ -41,6 +42,18 @@ def test_what_is_wrong_is_said(
 ) -> None:
     (complaint,) = PLUGIN["complaints"](installed, skips, passed)
     assert expected in complaint
+
+
+def test_every_package_that_a_test_may_miss_is_listed() -> None:
+    folders = [CI.parent / "tests" / name for name in ("basetree", "calib", "edgetree")]
+    needed = {
+        module
+        for folder in folders
+        for file in folder.rglob("*.py")
+        for module in re.findall(r'importorskip\(\s*"(\w+)', file.read_text())
+    }
+    assert "rosbags" in needed
+    assert needed - set(sys.stdlib_module_names) <= set(PLUGIN["ABSENT"])
 
 
 def test_a_run_with_complaints_fails(tmp_path: Path) -> None:
