@@ -97,7 +97,13 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
     manifest = replace(described, training_pictures=source.training_pictures)
     say("tracing the graph")
     int8 = settings.precision == "int8"
-    proto = trace(source.model, settings.batch, settings.opset, quantised=int8)
+    proto = trace(
+        source.model,
+        settings.batch,
+        settings.opset,
+        quantised=int8,
+        every_row=settings.target == "tensorrt",
+    )
     frames = source.calibration_frames
     if settings.precision != "fp32" and frames is not None:
         say(f"calibrating on {counted(len(frames), 'frame')}")
@@ -117,8 +123,15 @@ def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
     return tuple(each.name for each in standard_outputs(1, keypoints=keypoints, masks=masks))
 
 
-def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
-    """Trace `model.detect` to ONNX with static shapes, in float32.
+def trace(
+    model: TreeRCNN,
+    batch: int,
+    opset: int = OPSET,
+    *,
+    quantised: bool = False,
+    every_row: bool = False,
+) -> Any:
+    """Trace `model.detect` to ONNX with outputs of fixed shapes, in float32.
 
     The model has no branches that depend on data, so it is traced on zeros.
 
@@ -127,6 +140,8 @@ def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = 
         batch: Number of frames of one inference.
         opset: ONNX operator set.
         quantised: Whether to rewrite the model for `edgetree.export.quantise`.
+        every_row: Whether the shapes within are fixed, too, as in `TreeRCNN.detect`. TensorRT is
+            slow with others.
 
     Returns:
         An `onnx.ModelProto`, whose nodes name the modules that they come from.
@@ -145,7 +160,7 @@ def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = 
             self.model = rewritten
 
         def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            found = rewritten.detect(image)._asdict()
+            found = rewritten.detect(image, every_row)._asdict()
             return tuple(found[name] for name in names)
 
     with quiet():

@@ -27,13 +27,13 @@ _MAX_ENLARGEMENT: Final = 64.0
 OPERATORS: Final = frozenset(
     (
         *("Abs", "Add", "And", "ArgMax", "AveragePool", "Cast", "Ceil", "Clip", "Concat", "Conv"),
-        *("DepthToSpace", "DequantizeLinear", "Div", "Equal", "Exp", "Expand", "Flatten", "Floor"),
-        *("Gather", "GatherElements", "GatherND", "Gemm", "GlobalAveragePool", "Greater"),
+        *("CumSum", "DepthToSpace", "DequantizeLinear", "Div", "Equal", "Exp", "Expand", "Flatten"),
+        *("Floor", "Gather", "GatherElements", "GatherND", "Gemm", "GlobalAveragePool", "Greater"),
         *("GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "Less", "LessOrEqual", "Log"),
-        *("MatMul", "Max", "MaxPool", "Min", "Mul", "Neg", "NonMaxSuppression", "Not", "Or", "Pad"),
-        *("QuantizeLinear", "Reciprocal", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd"),
-        *("ReduceSum", "Relu", "Reshape", "Resize", "RoiAlign", "Round", "ScatterND", "Shape"),
-        *("Sigmoid", "Slice", "Softmax", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose"),
+        *("MatMul", "Max", "MaxPool", "Min", "Mul", "Neg", "NonMaxSuppression", "NonZero", "Not"),
+        *("Or", "Pad", "QuantizeLinear", "Reciprocal", "ReduceMax", "ReduceMean", "ReduceMin"),
+        *("ReduceProd", "ReduceSum", "Relu", "Reshape", "Resize", "RoiAlign", "Round", "ScatterND"),
+        *("Shape", "Sigmoid", "Slice", "Softmax", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose"),
         *("Unsqueeze", "Where"),
     )
 )

@@ -235,13 +235,16 @@ class TreeRCNN(nn.Module):
             result["keypoint"] = losses.keypoint_loss(heat, cells, inside, mean_count)
         return result
 
-    def detect(self, images: Tensor) -> Detections:
+    def detect(self, images: Tensor, every_row: bool = False) -> Detections:
         """Detect trees.
 
-        Shapes are fixed and no Python branch depends on pixel values, so the method can be traced.
+        The outputs' shapes are fixed and no Python branch depends on pixel values, so the method
+        can be traced.
 
         Args:
             images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+            every_row: Whether the mask and keypoint heads run on all K rows, not only on those
+                with a box. That is slower, but no shape within depends on the images.
 
         Raises:
             ValueError: If the dtype or the shape is not the spec's.
@@ -257,14 +260,8 @@ class TreeRCNN(nn.Module):
         boxes, scores, real = self._select(
             boxes.reshape(proposals.boxes.shape), scores, proposals.valid
         )
-        keypoints, masks = self._branches(pooler, boxes)
-        return Detections(
-            boxes,
-            scores,
-            torch.where(real[:, :, None, None], keypoints, 0.0),
-            torch.where(real[:, :, None, None], masks, 0.0),
-            real.sum(dim=1),
-        )
+        keypoints, masks = self._branches(pooler, boxes, real, every_row)
+        return Detections(boxes, scores, keypoints, masks, real.sum(dim=1))
 
     def _select(
         self, boxes: Tensor, scores: Tensor, valid: Tensor
@@ -287,13 +284,19 @@ class TreeRCNN(nn.Module):
         kept_boxes, kept_scores, kept = zip(*rows, strict=True)
         return torch.stack(kept_boxes), torch.stack(kept_scores), torch.stack(kept)
 
-    def _branches(self, pooler: RegionPooler, boxes: Tensor) -> tuple[Tensor, Tensor]:
-        """Keypoints and masks of (B, K, 4) boxes; zeros where the model has no such head."""
+    def _branches(
+        self, pooler: RegionPooler, boxes: Tensor, real: Tensor, every_row: bool
+    ) -> tuple[Tensor, Tensor]:
+        """Keypoints and masks of (B, K, 4) boxes; zeros for boxes that are not real (B, K).
+
+        Both are all zero where the model has no such head.
+        """
         spec = self.spec
-        flat, images = _flattened(boxes)
         shape = boxes.shape[:2]
-        keypoints = flat.new_zeros(*shape, len(KEYPOINT_NAMES), 3)
-        masks = flat.new_zeros(*shape, MASK_CELLS, MASK_CELLS)
+        keypoints = boxes.new_zeros(*shape, len(KEYPOINT_NAMES), 3)
+        masks = boxes.new_zeros(*shape, MASK_CELLS, MASK_CELLS)
+        rows, order = _rows_of(real, every_row)
+        flat, images = (values[rows] for values in _flattened(boxes))
         shared = spec.keypoint_box_scale == 1.0 or self.keypoint_head is None
         pooled = pooler(flat, images, ROI_CELLS) if shared or spec.masks else None
         if self.keypoint_head is not None:
@@ -301,10 +304,11 @@ class TreeRCNN(nn.Module):
             heat = self.keypoint_head(pooled if shared else pooler(wide, images, ROI_CELLS))
             longest_px = max(spec.height, spec.width)
             points = decode_keypoints(heat, wide, spec.keypoint_grid, longest_px)
-            keypoints = points.reshape(keypoints.shape)
+            keypoints = points[order].reshape(keypoints.shape)
         if self.mask_head is not None:
-            masks = self.mask_head(pooled).sigmoid().reshape(masks.shape)
-        return keypoints, masks
+            masks = self.mask_head(pooled).sigmoid()[order].reshape(masks.shape)
+        missing = ~real[:, :, None, None]
+        return keypoints.masked_fill(missing, 0.0), masks.masked_fill(missing, 0.0)
 
     def _enlarged(self, boxes: Tensor) -> Tensor:
         """The area that the keypoint head uses for (R, 4) boxes, clipped to the image."""
@@ -323,3 +327,17 @@ def _flattened(boxes: Tensor) -> tuple[Tensor, Tensor]:
     batch, count = boxes.shape[:2]
     images = torch.arange(batch, device=boxes.device).repeat_interleave(count)
     return boxes.flatten(0, 1), images
+
+
+def _rows_of(real: Tensor, every_row: bool) -> tuple[Tensor, Tensor]:
+    """The real boxes (B, K) of a batch, or all; and the first one, since runtimes differ on none.
+
+    Returns:
+        (N,) int64 numbers of these boxes among the B * K, and (B * K,) int64 positions of all boxes
+        among these; a box that is not among them has the position of one before it.
+    """
+    numbers = torch.arange(real.numel(), device=real.device)
+    if every_row:
+        return numbers, numbers
+    kept = real.flatten() | (numbers == 0)
+    return kept.nonzero()[:, 0], kept.cumsum(0) - 1

@@ -1,5 +1,6 @@
-"""The traced graph of the r50 preset gives the outputs of the model in onnxruntime."""
+"""A traced graph gives the outputs of the model in onnxruntime."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +19,7 @@ def frames(height: int, width: int) -> torch.Tensor:
     return torch.randint(0, 256, (2, height, width, 3), generator=random, dtype=torch.uint8)
 
 
-def assert_same_outputs(model: TreeRCNN) -> None:
+def assert_same_outputs(model: TreeRCNN, every_row: bool = False) -> None:
     spec = model.spec
     images = frames(spec.height, spec.width)
     with torch.inference_mode():
@@ -26,7 +27,8 @@ def assert_same_outputs(model: TreeRCNN) -> None:
     assert int(expected["num_detections"].min()) > 1
     names = output_names(spec.masks, spec.keypoints)
     session = onnxruntime.InferenceSession(
-        trace(model, batch=2).SerializeToString(), providers=["CPUExecutionProvider"]
+        trace(model, batch=2, every_row=every_row).SerializeToString(),
+        providers=["CPUExecutionProvider"],
     )
     assert tuple(output.name for output in session.get_outputs()) == names
     outputs = dict(zip(names, session.run(None, {"image": images.numpy()}), strict=True))
@@ -55,6 +57,34 @@ def test_a_network_with_some_branches_exports(
     masks: bool, keypoints: bool, build_model: BuildModel
 ) -> None:
     assert_same_outputs(build_model(preset="r50", masks=masks, keypoints=keypoints))
+
+
+@pytest.mark.parametrize("every_row", [False, True])
+def test_a_light_network_exports_with_rows_by_the_picture_or_all(
+    every_row: bool, build_model: BuildModel
+) -> None:
+    assert_same_outputs(build_model(), every_row)
+
+
+def test_a_picture_without_a_box_beside_one_with_some(build_model: BuildModel) -> None:
+    model = build_model()
+    images = frames(model.spec.height, model.spec.width)
+    with torch.inference_mode():
+        best = model.detect(images).scores.amax(dim=1)
+        low, high = best.sort().values.tolist()
+        model.spec = dataclasses.replace(model.spec, score_threshold=(low + high) / 2)
+        expected = model.detect(images)
+    assert sorted(expected.num_detections.tolist())[0] == 0
+    assert expected.num_detections.max() > 0
+    session = onnxruntime.InferenceSession(
+        trace(model, batch=2).SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    for given in (images, torch.zeros_like(images)):
+        with torch.inference_mode():
+            wanted = model.detect(given)
+        outputs = session.run(None, {"image": given.numpy()})
+        for ours, theirs in zip(outputs, wanted, strict=True):
+            np.testing.assert_allclose(ours, theirs.numpy(), atol=0.05)
 
 
 @pytest.mark.slow

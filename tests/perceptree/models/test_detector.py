@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 from pathlib import Path
 
@@ -111,6 +112,31 @@ def test_rows_past_the_count_are_zero_and_scores_fall(trained: TreeRCNN) -> None
         assert (found.scores[number].diff() <= 0).all()
         for values in (found.boxes, found.scores, found.keypoints, found.masks):
             assert not values[number, count:].any()
+
+
+def test_the_last_heads_see_the_kept_boxes_alone(trained: TreeRCNN) -> None:
+    images, _ = frames(trained.spec, 4)
+    assert trained.mask_head is not None
+    assert trained.keypoint_head is not None
+    seen: list[int] = []
+    hooks = [
+        head.register_forward_pre_hook(lambda _, given: seen.append(len(given[0])))
+        for head in (trained.mask_head, trained.keypoint_head)
+    ]
+    with torch.inference_mode():
+        found = trained.detect(images)
+        every = trained.detect(images, every_row=True)
+        model = copy.deepcopy(trained)
+        model.spec = dataclasses.replace(model.spec, score_threshold=0.9999)
+        nothing = model.detect(images)
+    for hook in hooks:
+        hook.remove()
+    kept = int(found.num_detections.sum())
+    assert found.num_detections[0] > 0
+    assert sorted(seen) == [1, 1, kept, kept, 80, 80]
+    for some, all_rows in zip(found, every, strict=True):
+        torch.testing.assert_close(some, all_rows, atol=1e-4, rtol=1e-4)
+    assert not any(values.any() for values in nothing)
 
 
 def test_a_batch_answers_as_its_images_alone(trained: TreeRCNN) -> None:
