@@ -241,7 +241,7 @@ class _Numbered(msgspec.Struct):
 
 
 def id_in(text: bytes | memoryview) -> int | None:
-    """The id in the first part of a message that cannot be used otherwise; None if there is none."""
+    """The id in a message that cannot be used otherwise; None if there is none."""
     try:
         return decode(_Numbered, bytes(text[:_LARGEST_TEXT_BYTES]), "the message").id
     except InputError:
