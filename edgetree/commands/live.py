@@ -122,7 +122,7 @@ def live(
             tracker=tracker,
             on_unused=None if service is None else service.unused,
         )
-        guarded = GuardedOutputs(others=any((recorder, page, service)))
+        guarded = GuardedOutputs(others=any(each is not None for each in (recorder, page, service)))
         if service is not None:
             service.status_of = lambda: pipeline.status
 

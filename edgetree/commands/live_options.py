@@ -113,7 +113,7 @@ class LiveSourceOptions:
     loop: _Loop = False
 
     def open(
-        self, source: str, rig: Rig, takes_depth: bool, service: Service | None
+        self, source: str, rig: Rig, takes_depth: bool, service: Service | None = None
     ) -> FrameSource:
         """Open the source for a model that takes depth, or colour; or that of a service."""
         from edgetree.sources.bags.names import is_bag

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -259,7 +259,7 @@ def _pose(pose: RigidTransform) -> Pose:
 def _depth(depth: NDArray[Any], about: Depth | None, memory: Memory | None) -> Depth:
     """What the service has to know of a depth array."""
     height, width = depth.shape
-    kind = "uint16" if depth.dtype == np.uint16 else "float32"
+    kind: Literal["uint16", "float32"] = "uint16" if depth.dtype == np.uint16 else "float32"
     if about is None:
         return Depth(width, height, kind, memory=memory)
     return Depth(width, height, kind, about.scale_m, about.kind, memory)

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from edgetree.live.status import LiveStatus
 
 _NEWER: Final = "a newer frame had arrived"
+_ENDS: Final = "the service ends"
 _MOST_WATCHERS: Final = 1024
 _AT_ONCE: Final = 64  # messages that are read before answers are sent
 _TURN_S: Final = 0.2
@@ -104,6 +105,8 @@ class Service:
 
     def close(self) -> None:
         """Send the last answers, disconnect all programs and stop listening."""
+        for number in list(self._asked):
+            self._left_out(number, _ENDS)
         self._closing.set()
         self._frames.end()
         self._router.wake()
@@ -270,7 +273,7 @@ class Service:
         number = next(self._numbers)
         self._asked[number] = _Asked(sender, message.id)
         if not self._frames.put(HandedFrame(number, message, colour, depth)):
-            self._left_out(number, "the service ends")
+            self._left_out(number, _ENDS)
 
     def _refuse(self, sender: Sender, id_: int | None, kind: str, error: str) -> None:
         self._faults.note(kind, error)

@@ -55,7 +55,7 @@ class OpenMemories:
         pixels = np.empty(shape, kind)
         expected = size_bytes(image)
         try:
-            count = os.preadv(self._file(name), [memoryview(pixels).cast("B")], offset)
+            count = os.preadv(self._file(name), [pixels.data.cast("B")], offset)
         except OSError as error:
             raise InputError(
                 f"{UNREADABLE} {name} cannot be read ({error.strerror}): expected some that is new"

@@ -96,6 +96,19 @@ def test_each_frame_gets_one_answer_however_fast_they_come(
     assert len(running.results) == 30 - len(unused)
 
 
+def test_frames_that_wait_are_answered_when_the_service_ends(make_frame: MakeFrame) -> None:
+    with (
+        Service("tcp://127.0.0.1:0") as service,
+        Client(service.address, timeout_s=PATIENCE_S) as client,
+    ):
+        client.send(make_frame())
+        wait_until(lambda: bool(service._asked))
+        service.close()
+        answer = client.receive()
+    assert isinstance(answer, UnusedAnswer)
+    assert answer.reason == "the service ends"
+
+
 def test_a_frame_without_what_the_model_takes_is_answered_with_the_reason(
     client: Client, make_frame: MakeFrame
 ) -> None:
@@ -294,6 +307,8 @@ def test_a_message_beyond_the_limit_ends_its_connection_alone(
 ) -> None:
     dealer.send_multipart([json.dumps({**FRAME, "colour": SMALL}).encode(), bytes(65 * 2**20)])
     assert client.measure(make_frame())["trees"]
+    # It connects again, and the long message was never taken.
+    assert told(dealer, b'{"schema": "edgetree.serve.ask/1"}')["faults"] == {}
 
 
 @needs_memory
