@@ -174,17 +174,24 @@ class Service:
 
     def _run(self) -> None:
         """The thread that listens and sends."""
-        while not self._closing.is_set():
-            self._router.wait(_TURN_S)
+        try:
+            while not self._closing.is_set():
+                self._router.wait(_TURN_S)
+                self._take_letters()
+                self._notice_silence()
             self._send_answers()
-            for _ in range(_AT_ONCE):
-                if (letter := self._router.receive()) is None:
-                    break
-                self._take(letter)
-            else:
-                self._router.wake()
-            self._notice_silence()
+        except BaseException as error:
+            self._frames.end(error)  # which the pipeline raises
+            raise
+
+    def _take_letters(self) -> None:
+        """Send the answers that are there, and take some messages."""
         self._send_answers()
+        for _ in range(_AT_ONCE):
+            if (letter := self._router.receive()) is None:
+                return
+            self._take(letter)
+        self._router.wake()
 
     def _send_answers(self) -> None:
         while True:

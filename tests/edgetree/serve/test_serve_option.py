@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from edgetree.errors import ServiceError
 from edgetree.frames.frame import Frame
 from edgetree.serve import Client
 
@@ -29,6 +30,8 @@ def test_programs_hand_frames_over(
 
     def hand_over() -> None:
         with Client(address, timeout_s=60) as client:
+            with pytest.raises(ServiceError, match="left out: without colour"):
+                client.measure(make_frame(image=None))
             got.extend(client.measure(make_frame(number)) for number in range(3))
 
     program = threading.Thread(target=hand_over)

@@ -143,6 +143,15 @@ def test_others_watch_the_results(running: Any, client: Client, make_frame: Make
     assert seen[0]["frame"] <= last["frame"]
 
 
+def test_a_killed_watcher_is_forgotten(
+    running: Any, client: Client, dealer: Any, make_frame: MakeFrame
+) -> None:
+    dealer.send(b'{"schema": "edgetree.serve.watch/1"}')
+    wait_until(lambda: len(running.service._watchers) == 1)
+    dealer.close()
+    wait_until(lambda: bool(client.measure(make_frame())) and not running.service._watchers)
+
+
 def test_one_program_at_a_time_hands_frames_over(
     running: Any, client: Client, make_frame: MakeFrame
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 from edgetree.frames.rig import Rig
@@ -12,7 +11,7 @@ from edgetree.serve.messages import FrameMessage, read_message
 from edgetree.serve.shared_memory import FOLDER, IS_THERE, OpenMemories
 from formats.form import Format
 
-_NAME = f"/edgetree-fuzz-{os.getpid()}"
+_NAME = "/edgetree-fuzz"
 _SIZE = {"width": 4, "height": 2}
 _FRAME = {
     "schema": "edgetree.serve.frame/1",
