@@ -215,6 +215,8 @@ class ErrorAnswer(msgspec.Struct, frozen=True, tag_field="schema", tag="edgetree
 class StatusAnswer(msgspec.Struct, frozen=True, tag_field="schema", tag="edgetree.serve.status/1"):
     """From the service: how it goes.
 
+    The program that hands frames over gets one unasked where another one would like to.
+
     Attributes:
         version: Version of edgetree.
         state: "starting" before the first result, "running", "lost" while no frames come, "ended".

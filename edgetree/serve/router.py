@@ -89,7 +89,7 @@ class Router:
         except (zmq.ZMQError, OSError) as error:
             self._context.destroy(linger=0)
             raise InputError(
-                f"the service cannot listen at {address} ({error.strerror}): expected a free"
+                f"the service cannot listen at {address} ({_reason(error)}): expected a free"
                 " port, or a file in a folder that exists"
             ) from error
         self.address = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
@@ -171,6 +171,11 @@ def _check_not_taken(address: str) -> None:
             raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
     if os.path.lexists(file[1]) and not os.path.islink(file[1]) and os.path.isfile(file[1]):
         raise OSError(errno.EEXIST, "it is a file")
+
+
+def _reason(error: OSError) -> str:
+    """Why it failed, without the address that ZeroMQ adds."""
+    return str(error.strerror).partition(" (addr")[0]
 
 
 def _allow_connections() -> None:

@@ -44,9 +44,11 @@ if TYPE_CHECKING:
     from edgetree.live.status import LiveStatus
 
 _NEWER: Final = "a newer frame had arrived"
+_GONE: Final = "the program that handed frames over has gone"
 _ENDS: Final = "the service ends"
 _MOST_WATCHERS: Final = 1024
 _AT_ONCE: Final = 64  # messages that are read before answers are sent
+_ASK_AGAIN_S: Final = 0.5
 _TURN_S: Final = 0.2
 
 
@@ -92,7 +94,7 @@ class Service:
         self._memories = OpenMemories()
         self._numbers = itertools.count()
         self._hander: Sender | None = None
-        self._heard_s = 0.0
+        self._heard_s = self._asked_hander_s = 0.0
         self._frames = self._handover()
         self._is_opened = False
         self._closing = threading.Event()
@@ -217,7 +219,7 @@ class Service:
         elif state == "gone":
             self._watchers.discard(sender)
             if sender == self._hander:
-                self._release("the program that handed frames over has gone")
+                self._release(_GONE)
 
     def _notice_silence(self) -> None:
         is_silent = time.monotonic() - self._heard_s > self._silent_s
@@ -258,9 +260,20 @@ class Service:
             error = f"{_MOST_WATCHERS} programs watch: expected no more"
             self._refuse(sender, None, "program too many", error)
 
+    def _is_taken(self, sender: Sender) -> bool:
+        """Whether another program hands frames over; one that has died is found out by a status."""
+        if self._hander is None or self._hander == sender:
+            return False
+        now_s = time.monotonic()
+        if now_s - self._asked_hander_s > _ASK_AGAIN_S:
+            self._asked_hander_s = now_s
+            if self._router.send(self._hander, _text(self._status())) == "gone":
+                self._release(_GONE)
+        return self._hander is not None
+
     def _take_frame(self, letter: Letter, message: FrameMessage) -> None:
         sender, refuse = letter.sender, partial(self._refuse, letter.sender, message.id)
-        if self._hander not in (None, sender):
+        if self._is_taken(sender):
             refuse(
                 "program too many",
                 "another program hands frames over: expected one at a time; its place is free"

@@ -29,7 +29,7 @@ def test_programs_hand_frames_over(
     got: list[dict[str, Any]] = []
 
     def hand_over() -> None:
-        with Client(address, timeout_s=60) as client:
+        with Client(address, timeout_s=20) as client:
             with pytest.raises(ServiceError, match="left out: without colour"):
                 client.measure(make_frame(image=None))
             got.extend(client.measure(make_frame(number)) for number in range(3))
@@ -52,7 +52,7 @@ def test_results_of_other_sources_are_watched(
     got: list[dict[str, Any]] = []
 
     def watch() -> None:
-        with Client(address, timeout_s=60) as client:
+        with Client(address, timeout_s=20) as client:
             for record in client.watch():
                 got.append(record)
                 return

@@ -51,6 +51,12 @@ def memories() -> set[str]:
     return {path.name for path in FOLDER.glob("edgetree-*")} if IS_THERE else set()
 
 
+def measured_or_none(client: Client, frame: Frame) -> dict[str, Any] | None:
+    with contextlib.suppress(ServiceError):
+        return client.measure(frame)
+    return None
+
+
 def told(dealer: Any, *parts: bytes) -> dict[str, Any]:
     """The answer to a message of any parts."""
     dealer.send_multipart(parts)
@@ -163,6 +169,17 @@ def test_one_program_at_a_time_hands_frames_over(
     assert client.measure(make_frame())["trees"]
     wait_until(lambda: running.pipeline.status.state == "running")
     assert running.pipeline.status.lost == 1
+
+
+def test_a_dead_program_loses_its_place_at_once(
+    serving: Callable[..., Any], make_frame: MakeFrame
+) -> None:
+    running = serving(silent_s=60.0)
+    dead = Client(running.service.address)
+    dead.measure(make_frame())
+    dead._socket.close(linger=0)  # without goodbye
+    with Client(running.service.address, timeout_s=PATIENCE_S) as other:
+        wait_until(lambda: bool(measured_or_none(other, make_frame())))
 
 
 def test_a_stalled_program_loses_its_place_to_another(
@@ -385,7 +402,7 @@ def test_a_taken_address_is_refused(
     serving: Callable[..., Any], make_frame: MakeFrame, tmp_path: Path, form: str
 ) -> None:
     address = serving(form.format(folder=tmp_path)).service.address
-    with pytest.raises(InputError, match=r"cannot listen at .*Address already in use"):
+    with pytest.raises(InputError, match=r"cannot listen at .* \(Address already in use\)"):
         Service(address)
     with Client(address) as client:
         assert client.measure(make_frame())["trees"]

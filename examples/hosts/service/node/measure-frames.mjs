@@ -26,8 +26,11 @@ for (const [id, line] of lines.entries()) {
   };
   const pixels = ["bgr", "depth"].map((kind) => readFileSync(join(folder, `${name}.${kind}`)));
   await socket.send([JSON.stringify(message), ...pixels]);
-  const [answer] = await socket.receive();
-  console.log(answer.toString());
+  let answer;
+  do {
+    answer = String(await socket.receive());
+  } while (JSON.parse(answer).id !== id); // a status may come unasked
+  console.log(answer);
 }
 await socket.send(JSON.stringify({ schema: "edgetree.serve.bye/1" }));
 socket.close();
