@@ -28,6 +28,7 @@ ABSENT = (
     "laspy",
     "small_gicp",
     "lzfse",
+    "zmq",
     "ray",
     "fsspec",
     "s3fs",

@@ -9,7 +9,7 @@
     │   ├── CameraError, DepthError, CloudError (calib)
     │   ├── JobError, StoreError               (basetree.jobs)
     │   ├── DatasetError, CheckpointError      (perceptree)
-    │   └── ModelFileError, SignatureError     (edgetree)
+    │   └── ModelFileError, ServiceError, SignatureError (edgetree)
     └── MissingPackage         exit code 2: an optional package is not installed
 
 Every message is one line that names the file or value, what was found and what was expected. The

@@ -34,5 +34,9 @@ class ModelFileError(InputError):
     """A model file is missing, is not an ONNX model, or has no valid manifest."""
 
 
+class ServiceError(InputError):
+    """The service for other programs does not answer, or cannot use a frame."""
+
+
 class SignatureError(ModelFileError):
     """A model's signature is required, and is missing or not accepted."""

@@ -37,7 +37,8 @@ _Source: TypeAlias = Annotated[
         metavar="SOURCE",
         help="A ROS 1 or ROS 2 bag or MCAP file; a video, a folder of images, a capture of a phone"
         " (.r3d, or the folder of Stray Scanner) or a simulated drive;"
-        " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec.",
+        " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec;"
+        " clients, the programs that hand frames over at --serve.",
     ),
 ]
 
@@ -91,7 +92,7 @@ def live(
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
-    to_stdout = not (outputs.jsonl or page_options.page)
+    to_stdout = not (outputs.jsonl or page_options.page or page_options.serve)
     with (
         warnings_shown(),
         record_options.recording(
@@ -104,21 +105,32 @@ def live(
             ),
         ) as recorder,
         page_options.serving(recorder) as page,
+        page_options.listening(source) as service,
     ):
 
         def open_source() -> FrameSource:
-            opened = source_options.open(source, rig, takes_depth)
+            opened = source_options.open(source, rig, takes_depth, service)
             if recorder is not None:
                 recorder.wait_for_disk(waits=not opened.is_live)
             return opened
 
-        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
-        guarded = GuardedOutputs(others=recorder is not None or page is not None)
+        pipeline = LivePipeline(
+            open_source,
+            detector,
+            rig=rig,
+            settings=settings,
+            tracker=tracker,
+            on_unused=None if service is None else service.unused,
+        )
+        guarded = GuardedOutputs(others=any(each is not None for each in (recorder, page, service)))
+        if service is not None:
+            service.status_of = lambda: pipeline.status
 
         def open_outputs() -> list[_Write]:
             outputs.open(guarded, to_stdout, source, model_path.name)
             writes: list[_Write] = [guarded.write]
             writes += [] if recorder is None else [recorder.write]
+            writes += [] if service is None else [service.write]
             return writes if page is None else [*writes, page.publish]
 
         def told() -> str:

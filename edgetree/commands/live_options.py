@@ -37,7 +37,11 @@ if TYPE_CHECKING:
     from edgetree.live.page import PageServer
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.tracking import StemTracker
+    from edgetree.serve import Service
     from edgetree.sources.source import FrameSource
+
+CLIENTS: Final = "clients"
+"""The source that stands for programs that hand frames over."""
 
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
@@ -78,6 +82,14 @@ _Token: TypeAlias = Annotated[
     str | None,
     typer.Option(help="Token that the page asks for; a random one if needed and not given."),
 ]
+_Serve: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Address where other programs of this machine hand frames over (source clients) and"
+        " get the results: tcp://127.0.0.1:8430 or ipc:///run/FILE.",
+    ),
+]
 
 
 _Odometry: TypeAlias = Annotated[
@@ -100,14 +112,19 @@ class LiveSourceOptions:
     as_live: _AsLive = False
     loop: _Loop = False
 
-    def open(self, source: str, rig: Rig, takes_depth: bool) -> FrameSource:
-        """Open the source for a model that takes depth, or colour."""
+    def open(
+        self, source: str, rig: Rig, takes_depth: bool, service: Service | None = None
+    ) -> FrameSource:
+        """Open the source for a model that takes depth, or colour; or that of a service."""
         from edgetree.sources.bags.names import is_bag
         from edgetree.sources.drive import is_drive
         from edgetree.sources.live import open_live_source
         from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.playing import PacedSource
 
+        if service is not None and source == CLIENTS:
+            self._check_for_clients(rig)
+            return service.open_source(rig)
         path = Path(source)
         are_files = path.exists() and not (is_bag(path) or is_drive(path) or is_capture(path))
         opened = open_live_source(
@@ -120,6 +137,20 @@ class LiveSourceOptions:
             loop=self.loop,
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
+
+    def _check_for_clients(self, rig: Rig) -> None:
+        """Raise InputError for an option that programs which hand frames over state themselves."""
+        from edgetree.sources.opening import check_options
+
+        wrong = {
+            "topics": bool(self.topic),
+            "depth_scale_m": rig.depth_scale_m is not None,
+            "depth_kind": rig.depth_kind != "depth",
+            "depth": self.depth is not None,
+            "loop": self.loop,
+            "scene": self.scene is not None,
+        }
+        check_options(CLIENTS, wrong)
 
 
 def topics_by_role(texts: list[str] | None) -> dict[str, str]:
@@ -193,12 +224,36 @@ class LiveMetresOptions:
 
 @dataclass(frozen=True)
 class LivePageOptions:
-    """The options of the page."""
+    """The options of the page, and of the service for other programs."""
 
     page: _Page = False
     host: _Host = "127.0.0.1"
     port: _Port = 8420
     token: _Token = None
+    serve: _Serve = None
+
+    @contextmanager
+    def listening(self, source: str) -> Iterator[Service | None]:
+        """Listen for other programs during a block; yields None if it is not wanted.
+
+        Raises:
+            InputError: The source is other programs, and no address is given.
+        """
+        if self.serve is None:
+            if source == CLIENTS:
+                from basetree.errors import InputError
+
+                raise InputError(
+                    f"the source is {CLIENTS} without --serve: expected the address where they"
+                    " connect, such as --serve tcp://127.0.0.1:8430"
+                )
+            yield None
+            return
+        from edgetree.serve import Service
+
+        with Service(self.serve) as service:
+            note(f"service: {service.address}")
+            yield service
 
     @contextmanager
     def serving(self, recorder: FrameRecorder | None) -> Iterator[PageServer | None]:

@@ -41,6 +41,7 @@ _LOOKED_AT: Final = (
     "laspy",
     "small_gicp",
     "paho-mqtt",
+    "pyzmq",
     *TRAINING_PACKAGES,
 )
 # The module of each distribution that is test-imported.

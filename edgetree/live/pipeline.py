@@ -66,6 +66,7 @@ class LivePipeline:
         settings: Settings of the measurement; the defaults if None.
         tracker: Follows the stems; a new one if None.
         reopen_s: Time between two attempts to open a source that was lost, s.
+        on_unused: Called with each frame that gets no result, and the reason, from any thread.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class LivePipeline:
         settings: MeasureSettings | None = None,
         tracker: StemTracker | None = None,
         reopen_s: float = _REOPEN_S,
+        on_unused: Callable[[Frame, str], object] | None = None,
     ) -> None:
         self._open_source = open_source
         self._detector = detector
@@ -92,6 +94,7 @@ class LivePipeline:
         self._views = StemViews()
         self._tracker = tracker or StemTracker()
         self._reopen_s = reopen_s
+        self._on_unused = on_unused
         self._stopping = threading.Event()
         self._source: FrameSource | None = None
         self._frames: Handover[_Arrived] = Handover()
@@ -121,7 +124,7 @@ class LivePipeline:
             ModelFileError: The model fails.
         """
         source = self._source = self._open_source()
-        self._frames = Handover(newest_only=source.is_live)
+        self._frames = Handover(newest_only=source.is_live, on_replaced=self._replaced)
         threads = [
             threading.Thread(target=self._read, args=(source,), name="edgetree-read"),
             threading.Thread(target=self._detect, name="edgetree-detect"),
@@ -208,7 +211,13 @@ class LivePipeline:
             self._detected.end()
             self._frames.end()
 
+    def _replaced(self, arrived: _Arrived) -> None:
+        if self._on_unused is not None:
+            self._on_unused(arrived.frame, "a newer frame had arrived")
+
     def _leave_out(self, frame: Frame, reason: str) -> None:
+        if self._on_unused is not None:
+            self._on_unused(frame, reason)
         if self._recorder.leave_out(reason) == 1:
             _log.warning("frame %s left out, and more if they are alike: %s", frame.number, reason)
 

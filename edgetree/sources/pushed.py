@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 from edgetree.frames.frame import Frame
@@ -48,13 +48,20 @@ class Handover(Generic[_T]):
 
     Args:
         newest_only: Whether a new value replaces one that nobody took, instead of waiting.
+        on_replaced: Called with each value that was replaced, in the thread that puts.
 
     Attributes:
         dropped: Number of values that were replaced.
     """
 
-    def __init__(self, *, newest_only: bool = False) -> None:
+    def __init__(
+        self,
+        *,
+        newest_only: bool = False,
+        on_replaced: Callable[[_T], object] | None = None,
+    ) -> None:
         self._newest_only = newest_only
+        self._on_replaced = on_replaced
         self._values: list[_T] = []
         self._error: BaseException | None = None
         self._is_ended = False
@@ -63,16 +70,20 @@ class Handover(Generic[_T]):
 
     def put(self, value: _T) -> bool:
         """Hand a value over; returns False if the other side has ended."""
+        replaced: list[_T] = []
         with self._changed:
             if self._newest_only and self._values:
-                self._values.clear()
+                replaced, self._values = self._values, []
                 self.dropped += 1
             self._changed.wait_for(lambda: self._is_ended or not self._values)
             if self._is_ended:
                 return False
             self._values.append(value)
             self._changed.notify_all()
-            return True
+        if self._on_replaced is not None:
+            for each in replaced:
+                self._on_replaced(each)
+        return True
 
     def end(self, error: BaseException | None = None) -> None:
         """End the exchange, from either side. The other side takes what is left, then the error."""

@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.conformance import read_kit
 from edgetree.conformance.kit import read_expected, read_frame
 from edgetree.runtime.session import OrtSession
+from edgetree.sample_files import write_samples
 
 HOSTS = Path(__file__).parents[2] / "examples" / "hosts"
 PARTS = Path(__file__).parent / "host_parts"
@@ -170,3 +173,76 @@ def test_the_page_finds_trees_in_a_picture_and_a_camera(tmp_path: Path) -> None:
     assert abs(counts["picture"] - ours) <= 1  # the browser decodes JPEG otherwise
     assert abs(counts["camera"] - ours) <= 2  # and its camera compresses the picture again
     assert (tmp_path / "picture.png").stat().st_size > 100_000
+
+
+@pytest.fixture(scope="module")
+def drive_frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Raw frames of the drive of `edgetree samples`, its files beside them."""
+    folder = tmp_path_factory.mktemp("service")
+    write_samples(folder / "samples")
+    script = str(HOSTS / "service" / "raw_frames.py")
+    run_checked(sys.executable, script, str(folder / "samples" / "drive"), str(folder / "frames"))
+    some = (folder / "frames" / "frames.txt").read_text("utf-8").splitlines(keepends=True)[:8]
+    (folder / "frames" / "frames.txt").write_text("".join(some), "utf-8")
+    return folder
+
+
+@contextmanager
+def service(folder: Path) -> Iterator[str]:
+    """Run `edgetree live clients --serve` for as many frames as there are; yields its address."""
+    address = f"ipc://{folder}/service"
+    command = [sys.executable, "-m", "edgetree", "live", "clients", "--serve", address]
+    with (folder / "service.log").open("w") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            yield address
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(60)
+
+
+def check_metres(folder: Path, answers: str) -> None:
+    """Compare answers of the service with what `edgetree run` says of the same drive."""
+    drive, lines = folder / "samples" / "drive", folder / "run.jsonl"
+    command = ("run", str(drive), "--model", "depth", "--jsonl", str(lines))
+    run_checked(sys.executable, "-m", "edgetree", *command)
+    expected = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
+    got = [json.loads(line)["result"] for line in answers.splitlines()]
+    assert len(got) == 8
+    assert sum(len(frame["trees"]) for frame in got) > 8
+    for ours, theirs in zip(expected[:8], got, strict=True):
+        assert [tree["metres"] for tree in theirs["trees"]] == [
+            tree["metres"] for tree in ours["trees"]
+        ]
+
+
+def test_a_cpp_program_gets_metres_through_the_service(drive_frames: Path) -> None:
+    pytest.importorskip("zmq")
+    script = str(HOSTS / "service" / "zmq_library.py")
+    library = run_checked(sys.executable, script).strip()
+    build = str(drive_frames / "build")
+    source = str(HOSTS / "service" / "cpp")
+    cmake = tool("cmake")
+    tool("c++", "g++", "clang++")
+    run_checked(cmake, "-S", source, "-B", build, f"-DZMQ_LIBRARY={library}")
+    run_checked(cmake, "--build", build)
+    frames = str(drive_frames / "frames")
+    with service(drive_frames) as address:
+        answers = run_checked(str(Path(build) / "measure_frames"), address, frames)
+    check_metres(drive_frames, answers)
+
+
+@pytest.mark.slow
+def test_a_node_program_gets_metres_through_the_service(drive_frames: Path) -> None:
+    pytest.importorskip("zmq")
+    program, package = node(), HOSTS / "service" / "node"
+    run_checked(tool("npm"), "ci", "--no-audit", "--no-fund", cwd=package)
+    frames = str(drive_frames / "frames")
+    with service(drive_frames) as address:
+        answers = run_checked(program, "measure-frames.mjs", address, frames, cwd=package)
+    check_metres(drive_frames, answers)
+
+
+def test_the_cpp_program_is_short() -> None:
+    lines = (HOSTS / "service" / "cpp" / "measure_frames.cpp").read_text("utf-8").splitlines()
+    assert len(lines) < 100

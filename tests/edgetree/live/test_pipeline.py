@@ -120,6 +120,30 @@ def test_a_camera_gives_its_newest_frame_and_counts_the_dropped(detector: TreeDe
     assert len(source_read) == 20
 
 
+def test_each_frame_without_a_result_is_told_with_the_reason(detector: TreeDetector) -> None:
+    told: dict[int, str] = {}
+    all_read = threading.Event()
+
+    def read() -> Iterator[Frame]:
+        for number in range(9):
+            yield colour(number)
+        yield colour(9, image=None)
+        all_read.set()
+        yield colour(10)
+
+    pipeline = LivePipeline(
+        opening(Source(read(), is_live=True, every_s=0.005)),
+        calling(detector, lambda _: all_read.wait(PATIENCE_S)),
+        on_unused=lambda frame, reason: told.update({frame.number: reason}),
+    )
+    with_result = [result.frame.number for result in pipeline]
+    assert sorted([*told, *with_result]) == list(range(11))
+    assert set(told.values()) <= {
+        "a newer frame had arrived",
+        "without colour, which the model takes",
+    }
+
+
 def test_detection_goes_on_while_the_caller_works(detector: TreeDetector) -> None:
     begun = threading.Semaphore(0)
     results = iter(

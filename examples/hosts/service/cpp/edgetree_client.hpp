@@ -1,0 +1,226 @@
+// Hands frames over to `edgetree live clients --serve ADDRESS` and gets metres. Linux; links libzmq.
+//
+//   edgetree::Client client("tcp://127.0.0.1:8430");
+//   std::string answer = client.measure(frame);  // JSON, see messages.schema.json
+//
+// Pixels go through shared memory. One client is for one thread.
+#pragma once
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#if __has_include(<zmq.h>)
+#include <zmq.h>
+#else  // what is used of libzmq's binary interface, for machines that have the library alone
+extern "C" {
+void* zmq_ctx_new(void);
+int zmq_ctx_term(void*);
+void* zmq_socket(void*, int);
+int zmq_setsockopt(void*, int, const void*, size_t);
+int zmq_connect(void*, const char*);
+int zmq_send(void*, const void*, size_t, int);
+int zmq_recv(void*, void*, size_t, int);
+int zmq_close(void*);
+}
+constexpr int ZMQ_DEALER = 5, ZMQ_LINGER = 17, ZMQ_RCVTIMEO = 27, ZMQ_SNDTIMEO = 28;
+#endif
+
+namespace edgetree {
+
+// Pixels row by row, without gaps.
+struct Colour {
+    const void* pixels;
+    int width, height;
+    std::string format = "bgr8";  // or rgb8, bgra8, rgba8, mono8
+};
+
+// Aligned with the colour image; 0 is no reading.
+struct Depth {
+    const void* pixels;
+    int width, height;
+    std::string format = "uint16";  // or float32
+    double scale_m = 0.001;         // metres per unit
+};
+
+struct Camera {
+    int width, height;
+    double fx, fy, cx, cy;
+    std::vector<double> distortion;  // in OpenCV's order
+};
+
+// From the camera's frame (x right, y down, z forward) to a fixed one with z up.
+struct Pose {
+    std::array<double, 9> rotation;  // row by row
+    std::array<double, 3> translation_m;
+};
+
+struct Frame {
+    double time_s = 0;
+    std::optional<Colour> colour;
+    std::optional<Depth> depth;
+    std::optional<Camera> camera;
+    std::optional<std::array<double, 3>> up_camera;  // away from gravity, in the camera's frame
+    std::optional<Pose> pose;
+};
+
+class Client {
+public:
+    explicit Client(const std::string& address, int timeout_ms = 10000) : address_(address) {
+        const int linger_ms = 500;
+        zmq_setsockopt(socket_, ZMQ_LINGER, &linger_ms, sizeof linger_ms);
+        zmq_setsockopt(socket_, ZMQ_RCVTIMEO, &timeout_ms, sizeof timeout_ms);
+        zmq_setsockopt(socket_, ZMQ_SNDTIMEO, &timeout_ms, sizeof timeout_ms);
+        if (zmq_connect(socket_, address.c_str()) != 0) fail("is no address");
+    }
+
+    ~Client() {
+        send("{\"schema\":\"edgetree.serve.bye/1\"}", false);
+        zmq_close(socket_);
+        zmq_ctx_term(context_);
+        release();
+    }
+
+    Client(const Client&) = delete;
+    Client& operator=(const Client&) = delete;
+
+    // Hands a frame over and waits for its answer: a result, "unused" or an error, as JSON.
+    std::string measure(const Frame& frame) {
+        std::string answer = ask(frame);
+        if (answer.find("\"error\":\"shared memory ") == std::string::npos) return answer;
+        release();  // the service has begun anew, and does not know the memory
+        return ask(frame);
+    }
+
+    // Asks for all results from now on, which `receive` returns.
+    void watch() { send("{\"schema\":\"edgetree.serve.watch/1\"}"); }
+
+    // The next answer, of whatever frame.
+    std::string receive() {
+        const int size = zmq_recv(socket_, buffer_.data(), buffer_.size(), 0);
+        if (size < 0) fail("does not answer");
+        if (size_t(size) > buffer_.size()) fail("sends more than 4 MiB");
+        return {buffer_.data(), size_t(size)};
+    }
+
+private:
+    std::string ask(const Frame& frame) {
+        const uint64_t id = ++last_id_;
+        const size_t colour_bytes = frame.colour ? bytes(*frame.colour) : 0;
+        const size_t depth_bytes = frame.depth ? bytes(*frame.depth) : 0;
+        reserve(colour_bytes + depth_bytes);
+        if (frame.colour) std::memcpy(memory_, frame.colour->pixels, colour_bytes);
+        if (frame.depth) std::memcpy(memory_ + colour_bytes, frame.depth->pixels, depth_bytes);
+        send(text(frame, id, colour_bytes));
+        const std::string mine = "\"id\":" + std::to_string(id) + ",";
+        while (true) {  // late answers to earlier frames, and watched results, are passed over
+            std::string answer = receive();
+            if (answer.substr(0, 80).find(mine) != std::string::npos) return answer;
+        }
+    }
+
+    template <typename Image>
+    static size_t bytes(const Image& image) {
+        const std::string& name = image.format;
+        const size_t each = name == "mono8" ? 1 : name == "uint16" ? 2 : name.size() == 4 ? 3 : 4;
+        return each * image.width * image.height;
+    }
+
+    std::string text(const Frame& frame, uint64_t id, size_t depth_offset) const {
+        std::ostringstream out;
+        out.precision(std::numeric_limits<double>::max_digits10);
+        out << "{\"schema\":\"edgetree.serve.frame/1\",\"id\":" << id;
+        out << ",\"time_s\":" << frame.time_s;
+        if (frame.colour) image(out, "colour", *frame.colour, 0) << "}";
+        if (frame.depth) {
+            image(out, "depth", *frame.depth, depth_offset);
+            out << ",\"scale_m\":" << frame.depth->scale_m << "}";
+        }
+        if (const auto& camera = frame.camera) {
+            out << ",\"camera\":{\"width\":" << camera->width << ",\"height\":" << camera->height;
+            out << ",\"fx\":" << camera->fx << ",\"fy\":" << camera->fy << ",\"cx\":" << camera->cx;
+            out << ",\"cy\":" << camera->cy << ",\"distortion\":";
+            numbers(out, camera->distortion) << "}";
+        }
+        if (frame.up_camera) numbers(out << ",\"up_camera\":", *frame.up_camera);
+        if (frame.pose) {
+            const double* r = frame.pose->rotation.data();
+            out << ",\"pose\":{\"rotation\":[";
+            for (int row = 0; row < 3; ++row)
+                numbers(out << (row ? "," : ""), std::array{r[3 * row], r[3 * row + 1], r[3 * row + 2]});
+            numbers(out << "],\"translation_m\":", frame.pose->translation_m) << "}";
+        }
+        out << "}";
+        return out.str();
+    }
+
+    template <typename Image>
+    std::ostream& image(std::ostream& out, const char* name, const Image& image, size_t at) const {
+        out << ",\"" << name << "\":{\"width\":" << image.width << ",\"height\":" << image.height;
+        out << ",\"format\":\"" << image.format << "\",\"memory\":{\"name\":\"" << memory_name_;
+        return out << "\",\"offset\":" << at << "}";
+    }
+
+    template <typename Values>
+    static std::ostream& numbers(std::ostream& out, const Values& values) {
+        const char* before = "[";
+        for (const double value : values) out << before << value, before = ",";
+        return out << (values.size() ? "]" : "[]");
+    }
+
+    void send(const std::string& text, bool must = true) {
+        if (zmq_send(socket_, text.data(), text.size(), 0) < 0 && must) fail("takes no messages");
+    }
+
+    void reserve(size_t size) {
+        if (size <= memory_size_) return;
+        release();
+        const auto now = std::chrono::steady_clock::now().time_since_epoch().count();
+        memory_name_ = "/edgetree-" + std::to_string(getpid()) + "-" + std::to_string(now);
+        const int file = shm_open(memory_name_.c_str(), O_RDWR | O_CREAT | O_EXCL, 0600);
+        if (file < 0) throw std::runtime_error("there is no shared memory");
+        const bool is_there = posix_fallocate(file, 0, off_t(size)) == 0;
+        void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+        close(file);
+        if (!is_there || memory == MAP_FAILED) {
+            shm_unlink(memory_name_.c_str());
+            throw std::runtime_error("there is not enough shared memory");
+        }
+        memory_ = static_cast<char*>(memory);
+        memory_size_ = size;
+    }
+
+    void release() {
+        if (!memory_) return;
+        munmap(memory_, memory_size_);
+        shm_unlink(memory_name_.c_str());  // of which the service has removed the name, if it read it
+        memory_ = nullptr;
+        memory_size_ = 0;
+    }
+
+    [[noreturn]] void fail(const char* how) const {
+        throw std::runtime_error("the service at " + address_ + " " + how);
+    }
+
+    std::string address_;
+    void* context_ = zmq_ctx_new();
+    void* socket_ = zmq_socket(context_, ZMQ_DEALER);
+    std::vector<char> buffer_ = std::vector<char>(4 << 20);
+    std::string memory_name_;
+    char* memory_ = nullptr;
+    size_t memory_size_ = 0;
+    uint64_t last_id_ = 0;
+};
+
+}  // namespace edgetree
