@@ -28,6 +28,8 @@ ABSENT = (
     "laspy",
     "small_gicp",
     "lzfse",
+    "paho",
+    "prometheus_client",
     "ray",
     "fsspec",
     "s3fs",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -21,6 +21,7 @@ from edgetree.commands.live_options import (
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
+from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
     from edgetree.live.pipeline import LivePipeline
@@ -59,6 +60,7 @@ def live(
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
     outputs: LiveOutputs,
+    mqtt: MqttSettings,
     record_options: LiveRecordOptions,
     session: SessionOptions,
 ) -> None:
@@ -69,9 +71,11 @@ def live(
     pipes one JSON object. Ctrl-C, SIGTERM and SIGHUP end it with everything written. Files of an
     earlier run are kept under another name.
     """
+    from basetree.errors import EdgetreeError, InputError
     from basetree.files.writing import check_paths
     from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
+    from edgetree.live.health import ServiceHealth, StateReporter
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
@@ -92,6 +96,7 @@ def live(
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
     to_stdout = not (outputs.jsonl or page_options.page)
+    guarded = GuardedOutputs(others=record_options.record is not None or page_options.page)
     with (
         warnings_shown(),
         record_options.recording(
@@ -103,20 +108,28 @@ def live(
                 settings=settings,
             ),
         ) as recorder,
-        page_options.serving(recorder) as page,
+        ExitStack() as stack,
     ):
+        is_live = is_open = False
 
         def open_source() -> FrameSource:
+            nonlocal is_live
             opened = source_options.open(source, rig, takes_depth)
+            is_live = opened.is_live
             if recorder is not None:
-                recorder.wait_for_disk(waits=not opened.is_live)
+                recorder.wait_for_disk(waits=not is_live)
             return opened
 
         pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
-        guarded = GuardedOutputs(others=recorder is not None or page is not None)
+        health = ServiceHealth(lambda: pipeline.status, model_path.name, guarded.lacking)
+        page = stack.enter_context(page_options.serving(recorder, health, waits=outputs.are_given))
 
         def open_outputs() -> list[_Write]:
-            outputs.open(guarded, to_stdout, source, model_path.name)
+            nonlocal is_open
+            outputs.open_files(
+                guarded, source, model_path.name, to_stdout=to_stdout, states=is_live
+            )
+            is_open = True
             writes: list[_Write] = [guarded.write]
             writes += [] if recorder is None else [recorder.write]
             return writes if page is None else [*writes, page.publish]
@@ -127,11 +140,18 @@ def live(
 
         try:
             with closing(guarded):
-                _follow(pipeline, open_outputs, told, outputs.frames)
+                outputs.open_controllers(guarded, mqtt)
+                with StateReporter(health, guarded.tell):
+                    _follow(pipeline, open_outputs, told, outputs.frames)
         except KeyboardInterrupt:
             for line in guarded.missing():
                 note(line)
             raise
+        except (InputError, OSError) as error:
+            if not is_open or isinstance(error, BrokenPipeError):
+                raise
+            # A set-up that gave results is not wrong: the exit code lets a supervisor start again.
+            raise EdgetreeError(str(error)) from error
         note(pipeline.status.line())
         note(model_words(detector, model_path))
     guarded.check()
