@@ -13,10 +13,12 @@ import typer
 
 from basetree.program.console import note
 from basetree.program.options import expand_groups
+from basetree.program.setup_file import naming_lines, take_setup
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
     LiveSourceOptions,
+    topics_by_role,
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
@@ -24,14 +26,32 @@ from edgetree.commands.options import Model, ScoreThreshold, model_file, model_w
 from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
+    from edgetree.frames.rig import Rig
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.results import LiveResult
+    from edgetree.measure import MeasureSettings
     from edgetree.sources.source import FrameSource
 
 _STATUS_EVERY_S: Final = 5.0
 
 _Write: TypeAlias = "Callable[[LiveResult], object]"
 
+
+def _read_setup(context: typer.Context, path: Path | None) -> Path | None:
+    take_setup(context, path, live)
+    return path
+
+
+_Config: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        callback=_read_setup,
+        is_eager=True,
+        help="Set-up file (TOML) with any of these options; typed ones override it. See"
+        " `edgetree config`.",
+    ),
+]
 _Source: TypeAlias = Annotated[
     str,
     typer.Argument(
@@ -44,18 +64,21 @@ _Source: TypeAlias = Annotated[
 
 
 @dataclass(frozen=True)
-class _ModelOptions:
+class ModelOptions:
     """The options about the model."""
 
     model: Model = "depth"
     score_threshold: ScoreThreshold = 0.5
 
 
+@naming_lines
 @expand_groups
 def live(
+    context: typer.Context,
     source: _Source,
     *,
-    model_options: _ModelOptions,
+    config: _Config = None,
+    model_options: ModelOptions,
     metres: LiveMetresOptions,
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
@@ -72,7 +95,6 @@ def live(
     earlier run are kept under another name.
     """
     from basetree.errors import EdgetreeError, InputError
-    from basetree.files.writing import check_paths
     from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.health import ServiceHealth, StateReporter
@@ -80,18 +102,9 @@ def live(
     from edgetree.live.recording import run_record
 
     model, score_threshold = model_options.model, model_options.score_threshold
-    rig_options = metres.as_rig_options()
-    check_paths(
-        outputs.paths | {"--record": record_options.record},
-        {
-            "source": Path(source),
-            "--depth": source_options.depth,
-            "--model": model_file(model),
-            **rig_options.files(metres.camera),
-        },
+    rig, settings = checked_rig(
+        source, model, metres, source_options, outputs, mqtt, record_options
     )
-    outputs.origin()  # a wrong value ends the command here
-    rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
@@ -156,6 +169,37 @@ def live(
         note(model_words(detector, model_path))
     guarded.check()
     check_complete(source, pipeline.status.remarks)
+
+
+def checked_rig(
+    source: str,
+    model: str,
+    metres: LiveMetresOptions,
+    source_options: LiveSourceOptions,
+    outputs: LiveOutputs,
+    mqtt: MqttSettings,
+    record_options: LiveRecordOptions,
+) -> tuple[Rig, MeasureSettings | None]:
+    """Check what can be checked before anything is opened; returns rig and settings.
+
+    Raises:
+        InputError: Options contradict each other, a value is wrong, or a file cannot be read.
+    """
+    from basetree.files.writing import check_paths
+
+    rig_options = metres.as_rig_options()
+    check_paths(
+        outputs.paths | {"--record": record_options.record},
+        {
+            "source": Path(source),
+            "--depth": source_options.depth,
+            "--model": model_file(model),
+            **rig_options.files(metres.camera),
+        },
+    )
+    topics_by_role(source_options.topic)
+    outputs.check(mqtt)
+    return rig_options.rig(metres.camera, None), rig_options.settings()
 
 
 def _follow(

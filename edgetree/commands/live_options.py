@@ -201,6 +201,12 @@ class LivePageOptions:
     port: _Port = 8420
     token: _Token = None
 
+    def check(self) -> None:
+        """Raise InputError if a value cannot be used."""
+        from edgetree.live.page import PageServer
+
+        PageServer(self.host, self.port, self.token)
+
     @contextmanager
     def serving(
         self, recorder: FrameRecorder | None, health: ServiceHealth, *, waits: bool

@@ -130,6 +130,31 @@ class LiveOutputs:
             raise InputError("--map-origin given without --map: expected both")
         return _origin(self.map_origin)
 
+    def check(self, mqtt: MqttSettings) -> None:
+        """Check the values, and the files of MQTT.
+
+        Args:
+            mqtt: How messages go to the broker.
+
+        Raises:
+            InputError: Options contradict each other, a value is wrong, or a file cannot be read.
+        """
+        from edgetree.sinks.maps import check_map_name
+
+        self.origin()
+        if self.map is not None:
+            check_map_name(self.map)
+        if self.mqtt is None:
+            given = [
+                name for name, value in vars(mqtt).items() if value != getattr(type(mqtt), name)
+            ]
+            if given:
+                name = given[0].replace("_", "-")
+                raise InputError(f"--mqtt-{name} given without --mqtt: expected both")
+            return
+        mqtt.password()
+        mqtt.tls_context()
+
     def open_controllers(self, outputs: GuardedOutputs, mqtt: MqttSettings) -> None:
         """Open the outputs to controllers, which replace no file and take states from the start.
 
@@ -147,8 +172,6 @@ class LiveOutputs:
             outputs.open(f"--udp {self.udp}", partial(sinks.UdpSink, self.udp))
         if self.mqtt is not None:
             outputs.open(f"--mqtt {self.mqtt}", partial(sinks.MqttSink, self.mqtt, mqtt))
-        elif mqtt != type(mqtt)():
-            raise InputError("options of MQTT given without --mqtt: expected both")
 
     def open_files(
         self, outputs: GuardedOutputs, source: str, model: str, *, to_stdout: bool, states: bool
@@ -217,6 +240,8 @@ def _origin(text: str) -> MapOrigin:
     try:
         latitude, longitude, *rest = (float(part) for part in text.split(","))
         return MapOrigin(latitude, longitude, *rest)
+    except InputError as error:
+        raise InputError(f"--map-origin: {error}") from error
     except (TypeError, ValueError) as error:
         raise InputError(
             f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 from basetree.errors import InputError, InputFileError
-from basetree.settings import Settings, limits, option
+from basetree.settings import Settings, label, limits, option
 
 _PASSWORD_BYTES: Final = 4096
 _LONGEST_TOPIC: Final = 1000
@@ -24,7 +24,7 @@ class MqttSettings(Settings, error=InputError):
     """Topic of the stems of each frame, for --mqtt."""
     state_topic: str = "edgetree/state"
     """Topic of the state of the service, retained; if it vanishes, the broker says `gone`."""
-    qos: int = field(default=0, metadata=limits(0, 2, whole=True))
+    qos: int = field(default=0, metadata=limits(0, 2, whole=True) | label("--mqtt-qos"))
     """Quality of service of the stems."""
     user: str | None = None
     """Name at the broker."""
@@ -40,12 +40,12 @@ class MqttSettings(Settings, error=InputError):
     """PEM file with the key of the certificate, if that file does not hold it."""
 
     def _check_together(self) -> None:
-        for name, topic in (("topic", self.topic), ("state topic", self.state_topic)):
+        for name, topic in (("topic", self.topic), ("state-topic", self.state_topic)):
             if not topic or len(topic) > _LONGEST_TOPIC or set("+#\0") & set(topic):
-                raise InputError(f"the {name} is {topic!r}: expected a name without + and #")
+                raise InputError(f"--mqtt-{name} is {topic!r}: expected a name without + and #")
         if self.topic == self.state_topic:
             raise InputError(
-                f"stems and states both have the topic {self.topic!r}: expected two topics"
+                f"--mqtt-topic and --mqtt-state-topic are both {self.topic!r}: expected two topics"
             )
         if self.password_file is not None and self.user is None:
             raise InputError("--mqtt-password-file given without --mqtt-user: expected both")

@@ -67,7 +67,9 @@ class PageServer:
         health: ServiceHealth | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
-            raise InputError(f"the page's port is {port}: expected 1 to 65535, or 0 for a free one")
+            raise InputError(
+                f"--port of the page is {port}: expected 1 to 65535, or 0 for a free one"
+            )
         if not 0.1 <= stale_s <= 60:
             raise InputError(f"stale_s is {stale_s:g} s: expected 0.1 to 60 s")
         if max_clients < 1:

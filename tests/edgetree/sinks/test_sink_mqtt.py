@@ -192,11 +192,11 @@ def test_the_port_of_encrypted_connections_is_another(
 
 
 MISTAKES = {
-    "no topic": ({"topic": ""}, "the topic is ''"),
-    "wildcard": ({"topic": "a/#"}, "the topic is 'a/#': expected a name without"),
-    "state topic": ({"state_topic": "+/b"}, r"the state topic is '\+/b'"),
+    "no topic": ({"topic": ""}, "--mqtt-topic is ''"),
+    "wildcard": ({"topic": "a/#"}, "--mqtt-topic is 'a/#': expected a name without"),
+    "state topic": ({"state_topic": "+/b"}, r"--mqtt-state-topic is '\+/b'"),
     "same topics": ({"topic": "a", "state_topic": "a"}, "expected two topics"),
-    "quality": ({"qos": 3}, "qos is 3: expected an integer|qos is 3: expected 0 to 2"),
+    "quality": ({"qos": 3}, "--mqtt-qos is 3: expected 0 to 2"),
     "password alone": ({"password_file": Path("p")}, "given without --mqtt-user"),
     "key alone": ({"key": Path("k")}, "given without --mqtt-certificate"),
 }

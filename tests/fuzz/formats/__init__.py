@@ -12,6 +12,7 @@ from formats import (
     pictures,
     recordings,
     records,
+    setups,
     signing,
     tables,
     videos,
@@ -27,6 +28,7 @@ FORMATS = (
     | pictures.FORMATS
     | recordings.FORMATS
     | records.FORMATS
+    | setups.FORMATS
     | signing.FORMATS
     | tables.FORMATS
     | videos.FORMATS
