@@ -91,11 +91,13 @@ class SetupFile:
         path: The file.
         values: The values by parameter, as they would be typed.
         lines: The line of each key, from 1 on.
+        names: The key of each parameter that is given.
     """
 
     path: Path
     values: Mapping[str, Any]
     lines: Mapping[str, int]
+    names: Mapping[str, str]
 
     def line_of(self, message: str) -> int | None:
         """The line that a message is about: that of the first option that it names."""
@@ -106,14 +108,15 @@ class SetupFile:
         }
         if places:
             return places[min(places)]
-        lines = {name.replace("-", "_"): line for name, line in self.lines.items()}
         quoted = {
-            name: value
-            for name, value in self.values.items()
-            if name in lines and isinstance(value, str) and len(value) > 1 and value in message
+            self.names[parameter]: value
+            for parameter, value in self.values.items()
+            if isinstance(value, str)
+            and len(value) > 1
+            and re.search(rf"(?<![\w-]){re.escape(value)}(?![\w-])", message)
         }
         longest = max(quoted.values(), key=len, default=None)
-        named = [lines[name] for name, value in quoted.items() if value == longest]
+        named = [self.lines.get(name) for name, value in quoted.items() if value == longest]
         return named[0] if len(named) == 1 else None
 
 
@@ -153,7 +156,7 @@ def read_setup(path: Path, command: Callable[..., Any]) -> SetupFile:
         if expected is not None:
             raise InputFileError(f"{where}: {name} is {_shown(value)}: expected {expected}")
         values[keys[name].parameter] = keys[name].found(value, path.absolute().parent)
-    return SetupFile(path, values, lines)
+    return SetupFile(path, values, lines, {keys[name].parameter: name for name in given})
 
 
 def take_setup(context: typer.Context, path: Path | None, command: Callable[..., Any]) -> None:

@@ -43,12 +43,12 @@ class ServiceHealth:
     ) -> None:
         self._status, self._missing = status, missing
         self._changes = StateChanges()
-        self._is_stopping = False
+        self._stopping: str | None = None
         self.about = {"name": "edgetree", "version": version("edgetree"), "model": model}
 
-    def stop(self) -> None:
-        """From now on the service is stopping."""
-        self._is_stopping = True
+    def stop(self, reason: str = "") -> None:
+        """From now on the service is stopping, for a reason if it has a fault."""
+        self._stopping = reason
 
     def state(self) -> ServiceState:
         """The state now."""
@@ -115,8 +115,8 @@ class ServiceHealth:
             yield GaugeMetricFamily(f"edgetree_{name}", words, value=value)
 
     def _named(self, status: LiveStatus) -> tuple[StateName, str]:
-        if self._is_stopping or status.state == "ended":
-            return "stopping", ""
+        if self._stopping is not None or status.state == "ended":
+            return "stopping", self._stopping or ""
         if status.state == "lost":
             return "camera lost", status.fault
         if status.state == "starting":
@@ -161,7 +161,7 @@ class StateReporter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._health.stop()
+        self._health.stop("" if error is None else str(error))
         self._supervisor.stopping()
         self._ending.set()
         self._thread.join()

@@ -104,6 +104,17 @@ def test_outputs_and_supervisor_hear_of_each_state() -> None:
     assert "STOPPING=1" in supervisor.lines
 
 
+def test_a_service_that_ends_by_a_fault_says_why() -> None:
+    told: list[ServiceState] = []
+    with (
+        pytest.raises(ValueError, match="no model"),
+        StateReporter(health_of(), told.append, supervisor := Told()),
+    ):
+        raise ValueError("no model")
+    assert (told[-1].name, told[-1].reason) == ("stopping", "no model")
+    assert supervisor.lines[-1] == "STATUS=stopping: no model"
+
+
 def test_the_state_is_repeated_every_second() -> None:
     told: list[ServiceState] = []
     with StateReporter(health_of(), told.append, Told()):
