@@ -2,13 +2,13 @@
 
 python -m benchmarks.live_service --minutes 60 --result benchmarks/results/live_service.json
 
-A process of its own plays the camera: it serves the package's sample pictures as MJPEG over HTTP. The
-service reads it, and sends its stems by UDP, by MQTT (if a mosquitto is installed) and into a file, by
-a set-up file. At random moments the camera or the broker is killed (SIGKILL) and started again 2 s
-later; clients of the page come, never read, and leave. Recorded are the results that came, gaps in the
-numbers of datagrams, the silence after each kill, memory and open files of the service, and its states.
-The exit code is 1 if the service ended, memory or files grew, or results are missing in the file.
-Needs Linux, for /proc.
+A process of its own plays the camera: it serves the package's sample pictures as MJPEG over HTTP.
+The service reads it, and sends its stems by UDP, by MQTT (if a mosquitto is installed) and into a
+file, by a set-up file. At random moments the camera or the broker is killed (SIGKILL) and started
+again 2 s later; clients of the page come, never read, and leave. Recorded are the results that came,
+gaps in the numbers of datagrams, the silence after each kill, memory and open files of the service,
+and its states. The exit code is 1 if the service ended, memory grew, or results are missing in the
+file. Needs Linux, for /proc.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import threading
 import time
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,7 @@ class Controller(threading.Thread):
     def silence_s(self, since_s: float, until_s: float) -> float:
         """The longest time without stems in a span."""
         times = [since_s, *(t for t in self.arrivals_s if since_s < t < until_s), until_s]
-        return max(after - before for before, after in zip(times, times[1:], strict=False))
+        return max(after - before for before, after in pairwise(times))
 
 
 class Others:
