@@ -5,7 +5,7 @@ python -m benchmarks.live_service --minutes 60 --result benchmarks/results/live_
 A process of its own plays the camera: it serves the package's sample pictures as MJPEG over HTTP.
 The service reads it, and sends its stems by UDP, by MQTT (if a mosquitto is installed) and into a
 file, by a set-up file. At random moments the camera or the broker is killed (SIGKILL) and started
-again 2 s later; clients of the page come, never read, and leave. Recorded are the results that came,
+again 2 s later; clients of the page come, never read, and leave. Recorded are the results,
 gaps in the numbers of datagrams, the silence after each kill, memory and open files of the service,
 and its states. The exit code is 1 if the service ended, memory grew, or results are missing in the
 file. Needs Linux, for /proc.

@@ -149,12 +149,12 @@ def read_setup(path: Path, command: Callable[..., Any]) -> SetupFile:
         raise InputFileError(f"{path}: cannot be read, expected {_EXPECTED}") from error
     lines, values = _lines(text, given), {}
     for name, value in given.items():
-        where = f"{path} line {lines[name]}" if name in lines else str(path)
+        place = f"{path} line {lines[name]}" if name in lines else str(path)
         if name not in keys:
-            raise InputFileError(f"{where}: {name} is no setting: expected {_like(name, keys)}")
+            raise InputFileError(f"{place}: {name} is no setting: expected {_like(name, keys)}")
         expected = keys[name].fault(value)
         if expected is not None:
-            raise InputFileError(f"{where}: {name} is {_shown(value)}: expected {expected}")
+            raise InputFileError(f"{place}: {name} is {_shown(value)}: expected {expected}")
         values[keys[name].parameter] = keys[name].found(value, path.absolute().parent)
     return SetupFile(path, values, lines, {keys[name].parameter: name for name in given})
 

@@ -75,7 +75,7 @@ class ServiceHealth:
                 f"metrics need the package prometheus-client: {install_hint('metrics')}"
             ) from error
         registry = CollectorRegistry()
-        registry.register(self)  # type: ignore[arg-type]  # a collector by its method
+        registry.register(self)
         ProcessCollector(registry=registry)
         return bytes(generate_latest(registry))
 
@@ -87,8 +87,8 @@ class ServiceHealth:
         info = GaugeMetricFamily("edgetree_info", "Version and model.", labels=list(self.about))
         info.add_metric(list(self.about.values()), 1.0)
         states = GaugeMetricFamily("edgetree_state", "1 for the state now.", labels=["state"])
-        for name in _STATES:
-            states.add_metric([name], float(name == now.name))
+        for state in _STATES:
+            states.add_metric([state], float(state == now.name))
         stages = GaugeMetricFamily(
             "edgetree_stage_seconds", "Median time of a stage, of 50 frames.", labels=["stage"]
         )

@@ -90,12 +90,12 @@ class MqttSink:
 
     def _new_client(self) -> Any:
         try:
-            from paho.mqtt import client
+            from paho.mqtt import client, enums
         except ImportError as error:
             raise MissingPackage(
                 f"MQTT needs the package paho-mqtt: {install_hint('mqtt')}"
             ) from error
-        made, settings = client.Client(client.CallbackAPIVersion.VERSION2), self._settings
+        made, settings = client.Client(enums.CallbackAPIVersion.VERSION2), self._settings
         if settings.user is not None:
             made.username_pw_set(settings.user, settings.password())
         gone = ServiceState("gone", "the connection to the service was lost")
