@@ -29,6 +29,8 @@ ABSENT = (
     "small_gicp",
     "lzfse",
     "zmq",
+    "paho",
+    "prometheus_client",
     "ray",
     "fsspec",
     "s3fs",

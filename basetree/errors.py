@@ -6,6 +6,7 @@
     ├── InputError             exit code 2: a file, folder or value given by the user cannot be used
     │   ├── InputFileError     exit code 2: a file is missing, unreadable or not writable
     │   ├── SettingsError      exit code 2: a setting is out of its range
+    │   ├── Unavailable        exit code 1: a camera, port or host that may be there another time
     │   ├── CameraError, DepthError, CloudError (calib)
     │   ├── JobError, StoreError               (basetree.jobs)
     │   ├── DatasetError, CheckpointError      (perceptree)
@@ -28,6 +29,7 @@ __all__ = [
     "InputFileError",
     "MissingPackage",
     "SettingsError",
+    "Unavailable",
     "install_hint",
     "one_line",
     "short_line",
@@ -72,6 +74,12 @@ class InputFileError(InputError):
 
 class SettingsError(InputError):
     """A setting is out of its range, or does not fit the others."""
+
+
+class Unavailable(InputError):
+    """Something outside is not there now and may be there when the program is started again."""
+
+    exit_code = 1
 
 
 class MissingPackage(EdgetreeError):

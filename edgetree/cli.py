@@ -14,6 +14,7 @@ from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
 from edgetree.commands.check_rig import check_rig
 from edgetree.commands.compare import compare
+from edgetree.commands.config import config
 from edgetree.commands.conformance import conformance
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
@@ -36,6 +37,7 @@ app.command()(run)
 app.command()(measure)
 app.command()(merge)
 app.command()(live)
+app.add_typer(config)
 app.command()(check)
 app.command()(check_rig)
 app.command()(calibrate)

@@ -26,6 +26,8 @@ def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
     - as `option_of` makes it from the field of the same name of the class that the group names as
       `fields_of`
     - as `option_of` makes it from the field itself, so that a class of settings is a group too
+
+    A group may name an `option_prefix` such as "mqtt_" that goes before the names of its fields.
     """
     hints = get_type_hints(command, include_extras=True)
     members: dict[str, list[str]] = {}
@@ -42,7 +44,9 @@ def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def expanded(**values: Any) -> None:
         for group, names in members.items():
-            values[group] = hints[group](**{name: values.pop(name) for name in names})
+            prefix = getattr(hints[group], "option_prefix", "")
+            given = {name.removeprefix(prefix): values.pop(name) for name in names}
+            values[group] = hints[group](**given)
         command(**values)
 
     expanded.__dict__["__signature__"] = inspect.Signature(parameters)
@@ -85,7 +89,7 @@ def given(options: Any, settings: type) -> dict[str, Any]:
 def _parameters_of(group: Any) -> Iterator[inspect.Parameter]:
     """The fields of a dataclass as parameters of a function."""
     hints = get_type_hints(group, include_extras=True)
-    source = getattr(group, "fields_of", group)
+    source, prefix = getattr(group, "fields_of", group), getattr(group, "option_prefix", "")
     for entry in fields(group):
         hint = hints[entry.name]
         if get_origin(hint) is not Annotated:
@@ -93,7 +97,7 @@ def _parameters_of(group: Any) -> Iterator[inspect.Parameter]:
                 continue
             hint = Annotated[_typed(hint), option_of(source, entry.name)]
         kind = inspect.Parameter.KEYWORD_ONLY
-        yield inspect.Parameter(entry.name, kind, default=entry.default, annotation=hint)
+        yield inspect.Parameter(prefix + entry.name, kind, default=entry.default, annotation=hint)
 
 
 def _typed(hint: Any) -> Any:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -19,6 +21,7 @@ _PASSING: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EPIPE, errno.E
 # What disks do, unlike users: such a file is waited for.
 _OF_DISKS: Final = (*_PASSING, errno.EROFS, errno.EIO, errno.ENXIO, errno.ENODEV, errno.ESTALE)
 _OPEN_AGAIN_S: Final = 10.0
+_MOST_STATES: Final = 100
 
 
 @dataclass(eq=False)
@@ -35,6 +38,7 @@ class _Output:
         reason: Why results are missing, in words; empty if none are.
         is_there: Whether it holds the other results.
         next_try_s: When it may be opened again, s of `time.monotonic`.
+        states: States of the service that it has not taken yet.
     """
 
     name: str
@@ -46,6 +50,8 @@ class _Output:
     reason: str = ""
     is_there: bool = True
     next_try_s: float = 0.0
+    states: deque[Any] = field(default_factory=lambda: deque(maxlen=_MOST_STATES))
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def is_lost(self) -> bool:
@@ -65,8 +71,35 @@ class _Output:
             return True
         return False
 
+    def tell(self, state: Any) -> None:
+        """Hand over a state, from any thread; an output that is at work takes it afterwards."""
+        if not self.states or self.states[-1] is not state:
+            self.states.append(state)
+        if self._lock.acquire(blocking=False):
+            try:
+                self._tell_waiting()
+            finally:
+                self._lock.release()
+
     def write(self, result: Any) -> bool:
         """Write a result; returns whether the output fails from now on."""
+        with self._lock:
+            self._tell_waiting()
+            return self._write(result)
+
+    def _tell_waiting(self) -> None:
+        tell = getattr(self.sink, "tell", None)
+        while self.states:
+            if tell is not None:
+                try:
+                    tell(self.states[0])
+                except (OSError, EdgetreeError):
+                    return  # it waits: the next result shows the fault
+            elif self.sink is None:
+                return
+            self.states.popleft()
+
+    def _write(self, result: Any) -> bool:
         is_due = self.sink is not None or (self.goes_on and time.monotonic() >= self.next_try_s)
         was_failing = self.fault is not None
         try:
@@ -86,8 +119,10 @@ class _Output:
     def close(self) -> bool:
         """Complete it; returns whether that failed."""
         try:
-            if self.sink is not None:
-                self.sink.close()
+            with self._lock:
+                self._tell_waiting()
+                if self.sink is not None:
+                    self.sink.close()
         except (OSError, EdgetreeError) as error:
             cause = _of_system(error)
             if cause is None:
@@ -147,6 +182,7 @@ class GuardedOutputs:
         self._outputs: list[_Output] = []
         self._others = others
         self._results = 0
+        self._states: deque[Any] = deque(maxlen=_MOST_STATES)
 
     def open(self, name: str, make: Callable[[], Any], *, waits: bool = False) -> None:
         """Open an output.
@@ -162,7 +198,18 @@ class GuardedOutputs:
         output = _Output(name, make)
         if output.open(waits=waits):
             self._say(output)
+        output.states.extend(self._states)
         self._outputs.append(output)
+
+    def tell(self, state: Any) -> None:
+        """Hand the state of the service to all outputs, from any thread.
+
+        What is opened later gets the states before it.
+        """
+        if not self._states or self._states[-1] is not state:
+            self._states.append(state)
+        for output in tuple(self._outputs):
+            output.tell(state)
 
     def write(self, result: Any) -> None:
         """Hand a result to all outputs.
@@ -199,6 +246,10 @@ class GuardedOutputs:
     def holds(self, name: str) -> bool:
         """Whether an output of this name was opened, and holds the results that it got."""
         return any(each.name == name and each.is_there for each in self._outputs)
+
+    def lacking(self) -> dict[str, int]:
+        """How many results each output lacks, by its name."""
+        return {each.name: each.missing for each in tuple(self._outputs)}
 
     def missing(self) -> list[str]:
         """What outputs lack, a line for each of them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -13,24 +13,45 @@ import typer
 
 from basetree.program.console import note
 from basetree.program.options import expand_groups
+from basetree.program.setup_file import naming_lines, take_setup
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
     LiveSourceOptions,
+    topics_by_role,
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
+from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
+    from edgetree.frames.rig import Rig
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.results import LiveResult
+    from edgetree.measure import MeasureSettings
     from edgetree.sources.source import FrameSource
 
 _STATUS_EVERY_S: Final = 5.0
 
 _Write: TypeAlias = "Callable[[LiveResult], object]"
 
+
+def _read_setup(context: typer.Context, path: Path | None) -> Path | None:
+    take_setup(context, path, live)
+    return path
+
+
+_Config: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        callback=_read_setup,
+        is_eager=True,
+        help="Set-up file (TOML) with any of these options; typed ones override it. See"
+        " `edgetree config`.",
+    ),
+]
 _Source: TypeAlias = Annotated[
     str,
     typer.Argument(
@@ -44,22 +65,26 @@ _Source: TypeAlias = Annotated[
 
 
 @dataclass(frozen=True)
-class _ModelOptions:
+class ModelOptions:
     """The options about the model."""
 
     model: Model = "depth"
     score_threshold: ScoreThreshold = 0.5
 
 
+@naming_lines
 @expand_groups
 def live(
+    context: typer.Context,
     source: _Source,
     *,
-    model_options: _ModelOptions,
+    config: _Config = None,
+    model_options: ModelOptions,
     metres: LiveMetresOptions,
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
     outputs: LiveOutputs,
+    mqtt: MqttSettings,
     record_options: LiveRecordOptions,
     session: SessionOptions,
 ) -> None:
@@ -70,29 +95,23 @@ def live(
     pipes one JSON object. Ctrl-C, SIGTERM and SIGHUP end it with everything written. Files of an
     earlier run are kept under another name.
     """
-    from basetree.files.writing import check_paths
+    from basetree.errors import EdgetreeError, InputError
     from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
+    from edgetree.live.health import ServiceHealth, StateReporter
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
     model, score_threshold = model_options.model, model_options.score_threshold
-    rig_options = metres.as_rig_options()
-    check_paths(
-        outputs.paths | {"--record": record_options.record},
-        {
-            "source": Path(source),
-            "--depth": source_options.depth,
-            "--model": model_file(model),
-            **rig_options.files(metres.camera),
-        },
+    rig, settings = checked_rig(
+        source, model, metres, source_options, outputs, mqtt, record_options
     )
-    outputs.origin()  # a wrong value ends the command here
-    rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
     to_stdout = not (outputs.jsonl or page_options.page or page_options.serve)
+    others = (record_options.record, page_options.page, page_options.serve)
+    guarded = GuardedOutputs(others=any(others))
     with (
         warnings_shown(),
         record_options.recording(
@@ -104,14 +123,17 @@ def live(
                 settings=settings,
             ),
         ) as recorder,
-        page_options.serving(recorder) as page,
         page_options.listening(source) as service,
+        ExitStack() as stack,
     ):
+        is_live = is_open = False
 
         def open_source() -> FrameSource:
+            nonlocal is_live
             opened = source_options.open(source, rig, takes_depth, service)
+            is_live = opened.is_live
             if recorder is not None:
-                recorder.wait_for_disk(waits=not opened.is_live)
+                recorder.wait_for_disk(waits=not is_live)
             return opened
 
         pipeline = LivePipeline(
@@ -122,12 +144,18 @@ def live(
             tracker=tracker,
             on_unused=None if service is None else service.unused,
         )
-        guarded = GuardedOutputs(others=any(each is not None for each in (recorder, page, service)))
         if service is not None:
             service.status_of = lambda: pipeline.status
+        health = ServiceHealth(lambda: pipeline.status, model_path.name, guarded.lacking)
+        waits = bool(outputs.are_given or page_options.serve)
+        page = stack.enter_context(page_options.serving(recorder, health, waits=waits))
 
         def open_outputs() -> list[_Write]:
-            outputs.open(guarded, to_stdout, source, model_path.name)
+            nonlocal is_open
+            outputs.open_files(
+                guarded, source, model_path.name, to_stdout=to_stdout, states=is_live
+            )
+            is_open = True
             writes: list[_Write] = [guarded.write]
             writes += [] if recorder is None else [recorder.write]
             writes += [] if service is None else [service.write]
@@ -139,15 +167,53 @@ def live(
 
         try:
             with closing(guarded):
-                _follow(pipeline, open_outputs, told, outputs.frames)
+                outputs.open_controllers(guarded, mqtt)
+                with StateReporter(health, guarded.tell):
+                    _follow(pipeline, open_outputs, told, outputs.frames)
         except KeyboardInterrupt:
             for line in guarded.missing():
                 note(line)
             raise
+        except (InputError, OSError) as error:
+            if not is_open or isinstance(error, BrokenPipeError):
+                raise
+            # A set-up that gave results is not wrong: the exit code lets a supervisor start again.
+            raise EdgetreeError(str(error)) from error
         note(pipeline.status.line())
         note(model_words(detector, model_path))
     guarded.check()
     check_complete(source, pipeline.status.remarks)
+
+
+def checked_rig(
+    source: str,
+    model: str,
+    metres: LiveMetresOptions,
+    source_options: LiveSourceOptions,
+    outputs: LiveOutputs,
+    mqtt: MqttSettings,
+    record_options: LiveRecordOptions,
+) -> tuple[Rig, MeasureSettings | None]:
+    """Check what can be checked before anything is opened; returns rig and settings.
+
+    Raises:
+        InputError: Options contradict each other, a value is wrong, or a file cannot be read.
+    """
+    from basetree.files.writing import check_paths
+
+    rig_options = metres.as_rig_options()
+    check_paths(
+        outputs.paths | {"--record": record_options.record},
+        {
+            "source": Path(source),
+            "--depth": source_options.depth,
+            "--model": model_file(model),
+            **rig_options.files(metres.camera),
+        },
+    )
+    topics_by_role(source_options.topic)
+    outputs.check(mqtt)
+    return rig_options.rig(metres.camera, None), rig_options.settings()
 
 
 def _follow(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -34,6 +34,7 @@ from edgetree.commands.reference_options import (
 
 if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
+    from edgetree.live.health import ServiceHealth
     from edgetree.live.page import PageServer
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.tracking import StemTracker
@@ -255,14 +256,31 @@ class LivePageOptions:
             note(f"service: {service.address}")
             yield service
 
+    def check(self) -> None:
+        """Raise InputError if a value cannot be used."""
+        from edgetree.live.page import PageServer
+
+        PageServer(self.host, self.port, self.token)
+
     @contextmanager
-    def serving(self, recorder: FrameRecorder | None) -> Iterator[PageServer | None]:
-        """Serve the page during a block, with marks for a recorder; yields None if not wanted."""
+    def serving(
+        self, recorder: FrameRecorder | None, health: ServiceHealth, *, waits: bool
+    ) -> Iterator[PageServer | None]:
+        """Serve the page during a block; yields None if it is not wanted.
+
+        Args:
+            recorder: Takes marks.
+            health: Says how the service goes.
+            waits: Whether a port that is taken is waited for.
+        """
         if not self.page:
             yield None
             return
         from edgetree.live.page import PageServer
 
-        with PageServer(self.host, self.port, self.token, recorder=recorder) as page:
-            note(f"page: {page.address}")
+        page = PageServer(self.host, self.port, self.token, recorder=recorder, health=health)
+        with closing(page):
+            page.start(waits=waits)
+            if page.address:
+                note(f"page: {page.address}")
             yield page

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.errors import InputError
 from basetree.program.console import note
 from edgetree.commands.options import check_report
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
-    from edgetree.sinks import MapOrigin, Sink
+    from edgetree.sinks import MapOrigin, MqttSettings, Sink
 
 _JsonLines: TypeAlias = Annotated[
     Path | None,
@@ -111,14 +112,17 @@ class LiveOutputs:
         """The files and folders by option."""
         return {f"--{name}": value for name, value in vars(self).items() if isinstance(value, Path)}
 
+    @property
+    def are_given(self) -> bool:
+        """Whether results go to a file or a controller."""
+        return bool(self.paths or self.udp or self.mqtt)
+
     def origin(self) -> MapOrigin | None:
         """The place of the map; None for local metres.
 
         Raises:
             InputError: Options contradict each other, or a value is wrong.
         """
-        from basetree.errors import InputError
-
         check_report(self.report)
         if self.map_origin is None:
             return None
@@ -126,45 +130,91 @@ class LiveOutputs:
             raise InputError("--map-origin given without --map: expected both")
         return _origin(self.map_origin)
 
-    def open(self, outputs: GuardedOutputs, to_stdout: bool, source: str, model: str) -> None:
-        """Open the outputs.
+    def check(self, mqtt: MqttSettings) -> None:
+        """Check the values, and the files of MQTT.
+
+        Args:
+            mqtt: How messages go to the broker.
+
+        Raises:
+            InputError: Options contradict each other, a value is wrong, or a file cannot be read.
+        """
+        from edgetree.sinks.maps import check_map_name
+
+        self.origin()
+        if self.map is not None:
+            check_map_name(self.map)
+        if self.mqtt is None:
+            given = [
+                name for name, value in vars(mqtt).items() if value != getattr(type(mqtt), name)
+            ]
+            if given:
+                name = given[0].replace("_", "-")
+                raise InputError(f"--mqtt-{name} given without --mqtt: expected both")
+            return
+        mqtt.password()
+        mqtt.tls_context()
+
+    def open_controllers(self, outputs: GuardedOutputs, mqtt: MqttSettings) -> None:
+        """Open the outputs to controllers, which replace no file and take states from the start.
 
         Args:
             outputs: Takes them.
-            to_stdout: Whether JSON lines go to stdout.
-            source: Value of SOURCE, for the report.
-            model: Name of the model file, likewise.
+            mqtt: How messages go to the broker.
 
         Raises:
-            InputError: a file cannot be written, or an address or name cannot be used.
-            MissingPackage: The package for MQTT or for bags is not installed.
+            InputError: An address, name or file cannot be used.
+            MissingPackage: The package for MQTT is not installed.
+        """
+        from edgetree import sinks
+
+        if self.udp is not None:
+            outputs.open(f"--udp {self.udp}", partial(sinks.UdpSink, self.udp))
+        if self.mqtt is not None:
+            outputs.open(f"--mqtt {self.mqtt}", partial(sinks.MqttSink, self.mqtt, mqtt))
+
+    def open_files(
+        self, outputs: GuardedOutputs, source: str, model: str, *, to_stdout: bool, states: bool
+    ) -> None:
+        """Open the files.
+
+        Args:
+            outputs: Takes them.
+            source: Value of SOURCE, for the report.
+            model: Name of the model file, likewise.
+            to_stdout: Whether JSON lines go to stdout.
+            states: Whether states are lines among the JSON lines.
+
+        Raises:
+            InputError: a file cannot be written.
+            MissingPackage: The package for bags is not installed.
         """
         from edgetree import sinks
 
         makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
-            "jsonl": lambda path: sinks.JsonLinesSink(path),
+            "jsonl": lambda path: sinks.JsonLinesSink(path, states=states),
             "csv": lambda path: sinks.CsvTracksSink(path),
             "map": lambda path: sinks.open_map(path, self.origin(), keeps_older=True),
             "report": lambda path: sinks.StemReportSink(path, source, model, keeps_older=True),
             "bag": _bag,
-            "udp": lambda address: sinks.UdpSink(address),
-            "mqtt": lambda address: sinks.MqttSink(address),
         }
         if to_stdout:
-            outputs.open("standard output", _standard_output)
+            outputs.open("standard output", partial(_standard_output, states))
         for name, make in makers.items():
             target = getattr(self, name)
             if target is not None:
                 outputs.open(f"--{name} {target}", partial(make, target), waits=True)
 
 
-def _standard_output() -> Sink[LiveResult]:
-    """JSON lines for programs; on a terminal a short line for each frame."""
+def _standard_output(states: bool) -> Sink[LiveResult]:
+    """JSON lines for programs, with states if wanted; on a terminal a short line for each frame."""
     from edgetree.results.frame_line import live_line
     from edgetree.sinks import JsonLinesSink, LinesSink
 
     to_people = sys.stdout.isatty()
-    return LinesSink(sys.stdout, live_line) if to_people else JsonLinesSink(sys.stdout)
+    return (
+        LinesSink(sys.stdout, live_line) if to_people else JsonLinesSink(sys.stdout, states=states)
+    )
 
 
 def _bag(folder: Path) -> Sink[LiveResult]:
@@ -185,12 +235,13 @@ def _origin(text: str) -> MapOrigin:
     Raises:
         InputError: It has another form, or is out of range.
     """
-    from basetree.errors import InputError
     from edgetree.sinks import MapOrigin
 
     try:
         latitude, longitude, *rest = (float(part) for part in text.split(","))
         return MapOrigin(latitude, longitude, *rest)
+    except InputError as error:
+        raise InputError(f"--map-origin: {error}") from error
     except (TypeError, ValueError) as error:
         raise InputError(
             f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"
@@ -215,7 +266,6 @@ class LiveRecordOptions:
             InputError: The folder is a file, or is missing for `--record-all`.
             MissingPackage: Rosbags is not installed.
         """
-        from basetree.errors import InputError
         from edgetree.live.recording import FrameRecorder
 
         if self.record is None:

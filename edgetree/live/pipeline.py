@@ -133,9 +133,11 @@ class LivePipeline:
             thread.start()
         try:
             for detected in self._detected:
+                self._recorder.begin("measure")
                 result = self._measured(detected)
                 if result is not None:
                     yield result
+                self._recorder.end("measure")
         finally:
             self.stop()
             for thread in threads:
@@ -160,6 +162,7 @@ class LivePipeline:
             before_s = time.monotonic()
             for frame in source:
                 now_s = time.monotonic()
+                self._recorder.is_lost = False
                 arrived = _Arrived(frame, now_s, (now_s - before_s) * 1000)
                 if not self._frames.put(arrived):
                     return None
@@ -168,7 +171,7 @@ class LivePipeline:
         except SourceLost as error:
             _log.warning("%s; opening it again every %g s", error, self._reopen_s)
             self._source, self._counts_before = None, self._counts_before + Counter(source.counts)
-            self._recorder.lose_source()
+            self._recorder.lose_source(str(error))
         finally:
             source.close()
         return self._opened_again()
@@ -181,7 +184,6 @@ class LivePipeline:
             except InputError as error:
                 _log.debug("%s", error)
                 continue
-            self._recorder.is_lost = False
             _log.warning("%s is back", self._source.name)
             return self._source
         return None
@@ -196,6 +198,7 @@ class LivePipeline:
                 if (frame.depth_m if takes_depth else frame.image) is None:
                     self._leave_out(frame, f"without {kind}, which the model takes")
                     continue
+                self._recorder.begin("detect")
                 try:
                     found = find_trees(frame, self._detector, self._rig)
                 except ModelFileError:
@@ -203,6 +206,8 @@ class LivePipeline:
                 except InputError as error:
                     self._leave_out(frame, str(error))
                     continue
+                finally:
+                    self._recorder.end("detect")
                 if not self._detected.put(_Detected(arrived, found)):
                     return
         except Exception as error:  # noqa: BLE001 raised again by the iteration

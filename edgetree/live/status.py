@@ -31,6 +31,8 @@ class LiveStatus:
         stages_ms: Median time of each stage over the last 50 results, ms.
         age_ms: Median time from a frame's arrival to its result, likewise.
         silent_s: Time since the last result, s.
+        busy_s: How long a stage, or the caller, has worked on the frame that it has, s.
+        fault: Why the source is lost; empty if it is not.
     """
 
     state: Literal["starting", "running", "lost", "ended"]
@@ -43,6 +45,8 @@ class LiveStatus:
     age_ms: float
     silent_s: float
     remarks: dict[str, int] = field(default_factory=dict)
+    busy_s: float = 0.0
+    fault: str = ""
 
     def line(self) -> str:
         """The state as one line of text."""
@@ -68,6 +72,8 @@ class StatusRecorder:
     lost: int = 0
     results: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
+    fault: str = ""
+    _busy_since_s: dict[str, float] = field(default_factory=dict)
     _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _stages: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _ages_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -88,11 +94,21 @@ class StatusRecorder:
             self.left_out[reason] += 1
             return self.left_out[reason]
 
-    def lose_source(self) -> None:
+    def lose_source(self, why: str) -> None:
         """Count that the source was lost."""
         with self._lock:
-            self.is_lost = True
+            self.is_lost, self.fault = True, why
             self.lost += 1
+
+    def begin(self, stage: str) -> None:
+        """A stage has taken a frame."""
+        with self._lock:
+            self._busy_since_s[stage] = time.monotonic()
+
+    def end(self, stage: str) -> None:
+        """A stage has handed its frame on."""
+        with self._lock:
+            self._busy_since_s.pop(stage, None)
 
     def status(self, dropped: int, of_source: dict[str, int]) -> LiveStatus:
         """The state now.
@@ -121,6 +137,8 @@ class StatusRecorder:
                 age_ms=statistics.median(self._ages_ms) if self._ages_ms else 0.0,
                 silent_s=now - (times[-1] if times else self._began_s),
                 remarks={name: count for name, count in of_source.items() if name in REMARKS},
+                busy_s=now - min(self._busy_since_s.values(), default=now),
+                fault=self.fault if self.is_lost else "",
             )
 
     def _state(self) -> Literal["starting", "running", "lost", "ended"]:

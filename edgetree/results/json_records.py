@@ -134,29 +134,33 @@ def track_record(track: TreeTrack) -> dict[str, Any]:
     }
 
 
-def stems_message(result: LiveResult, max_bytes: int) -> bytes:
+def stems_message(result: LiveResult, max_bytes: int, sequence: int | None = None) -> bytes:
     """The stems of a result as a short JSON text of the schema `STEMS_SCHEMA`.
 
     Args:
         result: The result.
         max_bytes: Limit of the text. The farthest stems are left out until it fits, and
             `left_out` says how many.
+        sequence: Number of the message, from which a receiver tells that some were lost.
     """
     stems = sorted(result.tracks, key=lambda track: float((track.position_camera_m**2).sum()))
     records = [_short(track) for track in stems]
     # Each stem adds its own text and a comma, so that the number of stems needs no search.
     sizes = [len(_text(record)) + 1 for record in records]
-    room = max_bytes - len(_text(_message(result, [], len(records))))
+    room = max_bytes - len(_text(_message(result, [], len(records), sequence)))
     count = 0
     while count < len(records) and sizes[count] <= room:
         room -= sizes[count]
         count += 1
-    return _text(_message(result, records[:count], len(records) - count))
+    return _text(_message(result, records[:count], len(records) - count, sequence))
 
 
-def _message(result: LiveResult, records: list[dict[str, Any]], left_out: int) -> dict[str, Any]:
+def _message(
+    result: LiveResult, records: list[dict[str, Any]], left_out: int, sequence: int | None
+) -> dict[str, Any]:
     return {
         "schema": STEMS_SCHEMA,
+        **({} if sequence is None else {"sequence": sequence}),
         "frame": result.frame.number,
         "time_s": result.frame.time_s,
         "age_s": round(result.age_s, 4),

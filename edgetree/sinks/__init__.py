@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from edgetree.sinks.bag import BagSink
     from edgetree.sinks.map_origin import MapOrigin
     from edgetree.sinks.maps import GeoJsonSink, GeoPackageSink, open_map
-    from edgetree.sinks.network import MqttSink, UdpSink
+    from edgetree.sinks.mqtt import MqttSink
+    from edgetree.sinks.mqtt_settings import MqttSettings
+    from edgetree.sinks.network import UdpSink
     from edgetree.sinks.pictures import CocoSink, PicturesSink
     from edgetree.sinks.report import ReportSink, StemReportSink
     from edgetree.sinks.sink import FileSink, Sink
@@ -29,6 +31,7 @@ __all__ = [
     "JsonLinesSink",
     "LinesSink",
     "MapOrigin",
+    "MqttSettings",
     "MqttSink",
     "PicturesSink",
     "ReportSink",
@@ -44,7 +47,8 @@ _MODULES = {
     "GeoJsonSink": "maps",
     "GeoPackageSink": "maps",
     "open_map": "maps",
-    "MqttSink": "network",
+    "MqttSettings": "mqtt_settings",
+    "MqttSink": "mqtt",
     "UdpSink": "network",
     "CocoSink": "pictures",
     "PicturesSink": "pictures",

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _SCHEMA: Final = "edgetree.live.map/1"
 _SO_FAR_S: Final = 60.0
+_GEOPACKAGE: Final = ".gpkg"
 # 1e-8 degrees are about 1 mm.
 _DIGITS: Final = {"local metres": 4, "WGS 84": 8}
 
@@ -180,8 +181,13 @@ def open_map(
     Raises:
         InputError: The name has another suffix, or the file cannot be written.
     """
-    if path.suffix.lower() in (".geojson", ".json"):
-        return GeoJsonSink(path, origin, keeps_older=keeps_older)
-    if path.suffix.lower() == ".gpkg":
+    check_map_name(path)
+    if path.suffix.lower() == _GEOPACKAGE:
         return GeoPackageSink(path, origin, keeps_older=keeps_older)
-    raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")
+    return GeoJsonSink(path, origin, keeps_older=keeps_older)
+
+
+def check_map_name(path: Path) -> None:
+    """Raise InputError if a name has no suffix of a map."""
+    if path.suffix.lower() not in (".geojson", ".json", _GEOPACKAGE):
+        raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")

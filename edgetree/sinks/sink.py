@@ -17,7 +17,11 @@ _Result = TypeVar("_Result", bound=FrameResult)
 
 
 class Sink(Protocol[_Result_contra]):
-    """An output of results. Files appear at their path when the sink is closed."""
+    """An output of results. Files appear at their path when the sink is closed.
+
+    A sink that also takes the state of the service has a method `tell(state)`, which is called at
+    each change and every second, from any thread.
+    """
 
     def write(self, result: _Result_contra) -> None:
         """Take the result of one frame.

@@ -9,6 +9,7 @@ from typing import Any, TextIO
 from basetree.errors import one_line
 from edgetree.results.csv_table import TRACKS, Table
 from edgetree.results.json_records import live_record, write_json_line
+from edgetree.results.service_state import ServiceState
 from edgetree.sinks.sink import FileSink
 
 
@@ -22,6 +23,7 @@ class JsonLinesSink(FileSink[Any]):
             schema `edgetree.live/1`.
         grows: Whether the file has every line at once, and an older one is kept beside it;
             otherwise it appears whole.
+        states: Whether each state of the service is a line too.
 
     Raises:
         InputError: The file cannot be written.
@@ -33,8 +35,10 @@ class JsonLinesSink(FileSink[Any]):
         record: Callable[[Any], dict[str, Any]] = live_record,
         *,
         grows: bool = True,
+        states: bool = False,
     ) -> None:
         super().__init__()
+        self._states, self._told = states, ServiceState("starting")
         self._stream, self._record = self._text(target, grows=grows), record
         self.goes_on = grows and isinstance(target, Path)
         self.appears_whole = not grows and isinstance(target, Path)
@@ -42,6 +46,12 @@ class JsonLinesSink(FileSink[Any]):
     def write(self, result: Any) -> None:
         """Write one line."""
         write_json_line(self._stream, self._record(result))
+
+    def tell(self, state: ServiceState) -> None:
+        """Write a line for a state that is new."""
+        if self._states and state is not self._told:
+            write_json_line(self._stream, state.record())
+            self._told = state
 
 
 class LinesSink(FileSink[Any]):

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final, Protocol
 
-from basetree.errors import InputError
+from basetree.errors import InputError, Unavailable
 from edgetree.frames.frame import Frame
 
 DEPTH_PLACED_BY_GUESS: Final = "depth registered without a transform"
@@ -68,7 +68,7 @@ class FrameSource(Protocol):
         """Release the camera or the file; an iteration in progress ends."""
 
 
-class SourceLost(InputError):
+class SourceLost(Unavailable):
     """A camera does not answer any more."""
 
 

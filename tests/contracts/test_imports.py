@@ -17,6 +17,7 @@ HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "pe
 HEAVY |= {"ray", "fsspec", "s3fs"}
 HEAVY |= {"cryptography", "rosbags", "mcap", "mcap_protobuf", "av", "zstandard", "lz4"}
 HEAVY |= {"pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp", "lzfse", "zmq"}
+HEAVY |= {"prometheus_client"}
 READS_BAGS = {
     "edgetree.sinks.bag",
     "edgetree.sinks.ros_messages",
@@ -163,8 +164,9 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
-        lazily |= {"paho"} if module == "edgetree.sinks.network" else set()
+        lazily |= {"paho"} if module == "edgetree.sinks.mqtt" else set()
         lazily |= {"zmq"} if module == "edgetree.serve.router" else set()
+        lazily |= {"prometheus_client"} if module == "edgetree.live.health" else set()
         lazily |= {"supervision"} if module == "edgetree.detections" else set()
         lazily |= BAG_PACKAGES if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()

@@ -64,11 +64,15 @@ class Access:
             return None
         return Refusal(HTTPStatus.FORBIDDEN, "another site asks for this")
 
-    def knows_token(self, query: str, cookies: str, cookie_name: str) -> bool:
-        """Whether the query or the cookies have the token; always true if there is none."""
+    def knows_token(
+        self, query: str, cookies: str, cookie_name: str, authorization: str = ""
+    ) -> bool:
+        """Whether the query, the cookies or the header have the token; true if there is none."""
         if self.token is None:
             return True
-        given = parse_qs(query, max_num_fields=8).get("token", [])
+        scheme, _, bearer = authorization.partition(" ")
+        given = [bearer.strip()] if scheme.lower() == "bearer" else []
+        given += parse_qs(query, max_num_fields=8).get("token", [])
         given += [
             value.strip()
             for name, _, value in (part.partition("=") for part in cookies.split(";"))

@@ -15,6 +15,7 @@ from edgetree.live.page.records import page_record
 from edgetree.live.results import LiveResult
 
 if TYPE_CHECKING:
+    from edgetree.live.health import ServiceHealth
     from edgetree.live.recording import FrameRecorder
 
 _RATE_SPAN_S: Final = 2.0
@@ -69,10 +70,16 @@ class Feed:
     Args:
         stale_s: Age from which a result is too old to be shown, s.
         recorder: Records what clients mark; None if recording is off.
+        health: Says how the service goes; None if nothing is watched.
     """
 
-    def __init__(self, stale_s: float, recorder: FrameRecorder | None = None) -> None:
-        self.stale_s, self.recorder = stale_s, recorder
+    def __init__(
+        self,
+        stale_s: float,
+        recorder: FrameRecorder | None = None,
+        health: ServiceHealth | None = None,
+    ) -> None:
+        self.stale_s, self.recorder, self.health = stale_s, recorder, health
         self._newest: Shown | None = None
         self._closed = False
         self._times_s: deque[float] = deque(maxlen=240)

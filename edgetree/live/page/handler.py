@@ -20,6 +20,7 @@ from edgetree.live.page.feed import Shown
 from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.page.pictures import blank_jpeg
 from edgetree.live.page.reading import body_length, has_body, read_body, read_head
+from edgetree.live.page.service import OPEN_PATHS, Answer, service_answer
 
 _LOGGER: Final = logging.getLogger(__name__)
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
@@ -72,10 +73,12 @@ class PageHandler(BaseHTTPRequestHandler):
         refusal = self._refusal(path, query)
         if refusal is not None:
             self.send_error(refusal.status, refusal.text)
-        elif path not in answers:
-            self.send_error(HTTPStatus.NOT_FOUND)
-        else:
+        elif path in answers:
             answers[path]()
+        elif (answer := service_answer(path, self.server.feed)) is not None:
+            self._send_answer(answer)
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:  # the name is that of the library
         """Mark the seconds around now, with the body as the mark's text."""
@@ -115,7 +118,10 @@ class PageHandler(BaseHTTPRequestHandler):
         if path != "/" and self.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site"):
             return Refusal(HTTPStatus.FORBIDDEN, "another site asks for this")
         try:
-            known = access.knows_token(query, self.headers.get("Cookie", ""), self._cookie)
+            bearer = self.headers.get("Authorization", "")
+            known = path in OPEN_PATHS or access.knows_token(
+                query, self.headers.get("Cookie", ""), self._cookie, bearer
+            )
         except ValueError:
             return Refusal(HTTPStatus.BAD_REQUEST, "the query has too many fields")
         if not known:
@@ -137,6 +143,15 @@ class PageHandler(BaseHTTPRequestHandler):
             headers["Set-Cookie"] = f"{self._cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
         self._start("text/html; charset=utf-8", headers)
         self.wfile.write(content)
+
+    def _send_answer(self, answer: Answer) -> None:
+        self.close_connection = True
+        self.send_response(answer.status)
+        self.send_header("Content-Type", answer.content_type)
+        self.send_header("Content-Length", str(len(answer.content)))
+        self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(answer.content)
 
     def _send_picture(self, query: str) -> None:
         """Send one picture, newer than the one that the client has; none if there is none soon."""

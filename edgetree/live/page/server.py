@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import socket
 import threading
 from typing import TYPE_CHECKING, Final
 
-from basetree.errors import InputError
+from basetree.errors import InputError, Unavailable
 from edgetree.drawing.primitives import Picture
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
@@ -16,11 +17,14 @@ from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.results import LiveResult
 
 if TYPE_CHECKING:
+    from edgetree.live.health import ServiceHealth
     from edgetree.live.recording import FrameRecorder
 
 _LOGGER: Final = logging.getLogger(__name__)
 _POLL_S: Final = 0.05
 _CLOSE_S: Final = 0.6
+_AGAIN_S: Final = 5.0
+_PASSING: Final = (errno.EADDRINUSE, errno.EADDRNOTAVAIL)
 _EVERYWHERE: Final = ("", "0.0.0.0", "::")
 
 
@@ -43,6 +47,7 @@ class PageServer:
         stale_s: Age from which results are blanked, s.
         max_clients: Largest number of open pages.
         recorder: Records what clients mark; if None, they cannot.
+        health: Says how the service goes, at /healthz, /readyz, /metrics and /version.
 
     Attributes:
         address: What to open in a browser, with the token. Known after `start`.
@@ -59,9 +64,12 @@ class PageServer:
         stale_s: float = 1.0,
         max_clients: int = 8,
         recorder: FrameRecorder | None = None,
+        health: ServiceHealth | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
-            raise InputError(f"the page's port is {port}: expected 1 to 65535, or 0 for a free one")
+            raise InputError(
+                f"--port of the page is {port}: expected 1 to 65535, or 0 for a free one"
+            )
         if not 0.1 <= stale_s <= 60:
             raise InputError(f"stale_s is {stale_s:g} s: expected 0.1 to 60 s")
         if max_clients < 1:
@@ -69,24 +77,51 @@ class PageServer:
         self.address = ""
         self._where = (host, port)
         self._access = Access(host, token)
-        self._feed = Feed(stale_s, recorder)
+        self._feed = Feed(stale_s, recorder, health)
         self._max_clients = max_clients
         self._http: PageHttpServer | None = None
         self._thread: threading.Thread | None = None
+        self._waiting: threading.Thread | None = None
+        self._closing = threading.Event()
 
-    def start(self) -> None:
+    def start(self, *, waits: bool = False) -> None:
         """Start to listen.
 
+        Args:
+            waits: Whether a port that is taken is waited for, in a thread, instead of an error.
+
         Raises:
-            InputError: The port is taken, or the address is not one of this machine.
+            Unavailable: The port is taken, or the address is not one of this machine.
+            InputError: The address cannot be used.
         """
+        try:
+            self._listen()
+        except Unavailable as error:
+            if not waits:
+                raise
+            _LOGGER.warning("%s; it is tried again every %g s", error, _AGAIN_S)
+            self._waiting = threading.Thread(target=self._wait, name="page-wait", daemon=True)
+            self._waiting.start()
+
+    def _wait(self) -> None:
+        """The thread that waits for the port."""
+        while not self._closing.wait(_AGAIN_S):
+            try:
+                self._listen()
+            except Unavailable:
+                continue
+            _LOGGER.warning("the page is served at last: port %d is free", self._where[1])
+            return
+
+    def _listen(self) -> None:
         host, port = self._where
         try:
             self._http = PageHttpServer(
                 (host, port), PageHandler, self._access, self._feed, self._max_clients
             )
         except OSError as error:
-            raise InputError(
+            kind = Unavailable if error.errno in _PASSING else InputError
+            raise kind(
                 f"the page cannot be served at {host} port {port} ({error.strerror}):"
                 " expected an address of this machine and a free port"
             ) from error
@@ -110,6 +145,9 @@ class PageServer:
     def close(self) -> None:
         """Disconnect all clients and stop listening, within a second."""
         self._feed.close()
+        self._closing.set()
+        if self._waiting is not None:
+            self._waiting.join()
         if self._http is not None and self._thread is not None:
             self._http.shutdown()
             self._http.server_close()

@@ -140,7 +140,7 @@ MISTAKES = {
     "outputs": (("--csv", "a", "--jsonl", "a"), "expected another path"),
     "record": (("--record", "images/a.jpg"), "a.jpg, which is a file of source"),
     "record all": (("--record-all",), "--record-all given without --record: expected both"),
-    "port": (("--page", "--port", "70000"), "the page's port is 70000"),
+    "port": (("--page", "--port", "70000"), "--port of the page is 70000"),
 }
 
 

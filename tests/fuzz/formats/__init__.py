@@ -13,6 +13,7 @@ from formats import (
     recordings,
     records,
     serve,
+    setups,
     signing,
     tables,
     videos,
@@ -29,6 +30,7 @@ FORMATS = (
     | recordings.FORMATS
     | records.FORMATS
     | serve.FORMATS
+    | setups.FORMATS
     | signing.FORMATS
     | tables.FORMATS
     | videos.FORMATS

@@ -1,0 +1,93 @@
+"""`edgetree config`: check and show the set-up file of `edgetree live`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from basetree.counts import counted
+from basetree.program.console import tell
+from basetree.program.options import expand_groups
+from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
+from edgetree.commands.live import ModelOptions, checked_rig, live
+from edgetree.commands.live_options import (
+    LiveMetresOptions,
+    LivePageOptions,
+    LiveSourceOptions,
+)
+from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
+from edgetree.commands.option_groups import SessionOptions
+from edgetree.sinks.mqtt_settings import MqttSettings
+
+_HIDDEN: Final = frozenset({"token"})
+
+config = typer.Typer(
+    name="config",
+    help="Check and show the set-up file of `edgetree live --config`.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@config.command()
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The set-up file.")],
+) -> None:
+    """Check a set-up file: its keys and values, and the files that it names.
+
+    Nothing is opened: neither camera nor model, port or broker.
+    """
+    from basetree.errors import InputError
+
+    setup = read_setup(file, live)
+    with lines_named(setup):
+        if "source" not in setup.values:
+            raise InputError(f"{file}: source is missing: expected a camera or a recording")
+        defaults = {key.parameter: key.default for key in setup_keys(live).values()}
+        _check_options(**_typed({**defaults, **setup.values}))
+    tell(f"{file}: {counted(len(setup.lines), 'setting')}, all valid")
+
+
+@config.command()
+def show(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="FILE", help="The set-up file; without it, all defaults are shown."),
+    ] = None,
+) -> None:
+    """Print every setting with its meaning: as it is set, or the default as a comment.
+
+    What it prints is a set-up file: `edgetree config show > edgetree.toml` begins one.
+    """
+    setup = None if file is None else read_setup(file, live)
+    for line in setup_text(live, setup, _HIDDEN).splitlines():
+        tell(line)
+
+
+@expand_groups
+def _check_options(
+    source: str,
+    *,
+    model_options: ModelOptions,
+    metres: LiveMetresOptions,
+    source_options: LiveSourceOptions,
+    page_options: LivePageOptions,
+    outputs: LiveOutputs,
+    mqtt: MqttSettings,
+    record_options: LiveRecordOptions,
+    session: SessionOptions,
+) -> None:
+    """Check what `edgetree live` checks before it opens anything."""
+    page_options.check()
+    checked_rig(source, model_options.model, metres, source_options, outputs, mqtt, record_options)
+
+
+def _typed(values: dict[str, Any]) -> dict[str, Any]:
+    """The values as the command gets them: paths are texts in a set-up file."""
+    keys = {key.parameter: key for key in setup_keys(live).values()}
+    return {
+        name: Path(value) if keys[name].kind is Path and value is not None else value
+        for name, value in values.items()
+    }
