@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -26,11 +27,20 @@ case "$last" in
     version=$(basename "$last" | cut -d- -f2)
     program="$(dirname "$0")/edgetree"
     printf '#!/bin/sh\\n[ "$1" != doctor ] || exec test %s != 9.9\\n' "$version" > "$program"
-    echo 'exec {python} -m edgetree "$@"' >> "$program"
+    echo 'exec {edgetree} "$@"' >> "$program"
     chmod +x "$(dirname "$0")/edgetree" ;;
 esac
 END
 chmod +x "$3/bin/pip"
+"""
+# The command line with a machine's folder of its own: as root, `edgetree trust` writes to /etc.
+LAUNCHER = """
+import sys
+from pathlib import Path
+import edgetree.signing.trust
+edgetree.signing.trust._MACHINE_FOLDER = Path(sys.argv.pop(1))
+from edgetree.cli import main
+main()
 """
 # The service runs unless the version or the model in use is a broken one.
 SYSTEMCTL = """#!/bin/sh
@@ -39,13 +49,20 @@ echo "$1 $(readlink "$EDGETREE_ROOT/current")" >> "$EDGETREE_ROOT/calls"
 """
 
 
+def launched(root: Path) -> list[str]:
+    """What Python runs as the command line on a machine."""
+    return [str(root / "launcher.py"), str(root / "etc")]
+
+
 @pytest.fixture
 def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of an installation, and fakes of what the scripts call."""
     programs, root = tmp_path / "programs", tmp_path / "opt"
     programs.mkdir()
     root.mkdir()
-    texts = {"python3": PYTHON3.replace("{python}", sys.executable), "systemctl": SYSTEMCTL}
+    program = shlex.join([sys.executable, *launched(root)])
+    texts = {"python3": PYTHON3.replace("{edgetree}", program), "systemctl": SYSTEMCTL}
+    (root / "launcher.py").write_text(LAUNCHER)
     for name, text in texts.items():
         (programs / name).write_text(text)
         (programs / name).chmod(0o755)
@@ -130,13 +147,13 @@ def test_what_an_interrupted_update_left_is_made_anew(tmp_path: Path, machine: P
     assert do("update.sh", tmp_path)[0] == 2
 
 
-def edgetree(*words: object) -> None:
-    subprocess.run([sys.executable, "-m", "edgetree", *map(str, words)], check=True)
-
-
 def test_models_are_changed_and_taken_back_with_signatures(tmp_path: Path, machine: Path) -> None:
     pytest.importorskip("cryptography")
     assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
+
+    def edgetree(*words: object) -> None:
+        subprocess.run([sys.executable, *launched(machine), *map(str, words)], check=True)
+
     office = tmp_path / "office"
     office.mkdir()
     for name in ("old", "new", "unsigned"):
@@ -146,8 +163,10 @@ def test_models_are_changed_and_taken_back_with_signatures(tmp_path: Path, machi
     for number, name in enumerate(("old", "new"), 1):
         edgetree("sign", office / f"{name}.onnx", "--key", office / "key.pem", "--version", number)
 
+    assert (machine / "etc" / "trust.json").is_file() or os.geteuid() != 0
+
     def opens() -> int:
-        words = ["-m", "edgetree", "live", "none", "--model", machine / "model.onnx"]
+        words = [*launched(machine), "live", "none", "--model", machine / "model.onnx"]
         done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
         return int("was used here before" not in done.stderr and "signature" not in done.stderr)
 
