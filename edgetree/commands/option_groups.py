@@ -16,6 +16,7 @@ from edgetree.commands.options import (
     GroundCover,
     Mounting,
     Provider,
+    ProviderCache,
     RigErrors,
     Rotate,
     SpeciesName,
@@ -265,6 +266,7 @@ class SessionOptions:
     threads: Threads = None
     provider: Provider = "cpu"
     strict: Strict = True
+    provider_cache: ProviderCache = None
 
     def open_model(
         self, model: str, score_threshold: float | None = None
@@ -290,6 +292,7 @@ class SessionOptions:
             provider=self.provider,
             strict=self.strict,
             threads=self.threads,
+            cache_folder=self.provider_cache,
             score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
         )
         return detector, path

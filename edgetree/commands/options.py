@@ -46,6 +46,14 @@ Provider: TypeAlias = Annotated[
         " the first of cuda, coreml, directml, openvino and cpu that starts.",
     ),
 ]
+ProviderCache: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="Folder where TensorRT, OpenVINO or CoreML keep what they have compiled of the model,"
+        " so that it starts faster the next time; it is made if needed.",
+    ),
+]
 Strict: TypeAlias = Annotated[
     bool,
     typer.Option(

@@ -38,6 +38,7 @@ _MEMORY_BYTES: Final = 640 * 2**20
 _MEMORY_OF_A_BYTE: Final = 16
 _MEMORY_OF_A_THREAD: Final = 144 * 2**20
 _LARGEST_COMPUTED_BYTES: Final = 128 * 2**20  # of a tensor that is computed while opening
+_ERRORS: Final = 3  # severity of onnxruntime's logger
 _turn = threading.Lock()
 
 
@@ -102,6 +103,9 @@ def _start(
     threads = options.intra_op_num_threads
     asked = [(provider.ort_name, provider.options_for(threads, settings.cache_folder))]
     if provider.name != CPU:
+        # Kernels of GPUs warn of operators such as ScatterND through the logger of the process,
+        # which the options of a session do not reach. Errors are still written.
+        onnxruntime.set_default_logger_severity(_ERRORS)
         listed = onnxruntime.get_available_providers()
         asked += [(name, {}) for name in provider.helpers if name in listed]
         asked.append((PROVIDERS[CPU].ort_name, {}))

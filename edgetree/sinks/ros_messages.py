@@ -1,4 +1,4 @@
-"""Live results as standard messages of ROS 2. Needs the extra `record`."""
+"""Live results as standard messages of ROS 2, for bags and for a node."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edgetree.drawing.trees import tree_colour
 from edgetree.frames.frame import level_axes
 from edgetree.measure import Estimate
 from edgetree.results.json_records import live_record
-from edgetree.sinks.ros_types import RosTypes
+from edgetree.sinks.ros_types import MakeMessage, RosTypes
 
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
@@ -58,22 +58,28 @@ class _Place(NamedTuple):
 class RosMessages(RosTypes):
     """Makes the messages.
 
-    Positions are in the camera's frame, `edgetree_camera` (x right, y down, z forward). `/tf` says
-    where it is in `edgetree_map`, if the source knows the pose.
+    Positions are in the camera's frame (x right, y down, z forward). `/tf` says where it is in
+    `edgetree_map`, if the source knows the pose.
+
+    Args:
+        make: Makes one message, as for `RosTypes`.
+
+    Attributes:
+        camera_frame: Name of the camera's frame.
     """
 
-    def __init__(self) -> None:
-        from rosbags.typesys import get_types_from_msg
+    def __init__(self, make: MakeMessage | None = None) -> None:
+        super().__init__(make)
+        self.camera_frame = CAMERA_FRAME
+        if make is None:
+            from rosbags.typesys import get_types_from_msg
 
-        super().__init__()
-        for name, text in _VISION.items():
-            self.store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+            for name, text in _VISION.items():
+                self.store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
 
     def all(self, result: LiveResult) -> Iterator[tuple[str, Any]]:
         """Topic and message of all that is known of a result."""
-        axes = level_axes(result.frame.up_camera)
-        header = self.header(result.frame.stamp_s, CAMERA_FRAME)
-        place = _Place(header, axes[2], self.quaternion(axes.T))
+        header = self.header(result.frame.stamp_s, self.camera_frame)
         image, camera = result.frame.image, result.frame.camera
         if image is not None:
             jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
@@ -85,6 +91,13 @@ class RosMessages(RosTypes):
             yield "/edgetree/camera_info", self.camera_info(header, camera)
         if result.frame.pose is not None:
             yield "/tf", self._transform(result)
+        yield from self.stems(result)
+
+    def stems(self, result: LiveResult) -> Iterator[tuple[str, Any]]:
+        """Topic and message of the stems alone: detections, markers and the record as JSON."""
+        axes = level_axes(result.frame.up_camera)
+        header = self.header(result.frame.stamp_s, self.camera_frame)
+        place = _Place(header, axes[2], self.quaternion(axes.T))
         yield "/edgetree/detections", self._detections(result, place)
         yield "/edgetree/markers", self._markers(result, place)
         yield "/edgetree/json", self.new("std_msgs", "String", json.dumps(live_record(result)))
@@ -93,7 +106,7 @@ class RosMessages(RosTypes):
         pose = result.frame.pose
         assert pose is not None
         header = self.header(result.frame.stamp_s, MAP_FRAME)
-        return self.new("tf2_msgs", "TFMessage", [self.transform(header, CAMERA_FRAME, pose)])
+        return self.new("tf2_msgs", "TFMessage", [self.transform(header, self.camera_frame, pose)])
 
     def _detections(self, result: LiveResult, place: _Place) -> Any:
         """The stems in view."""

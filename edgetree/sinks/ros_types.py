@@ -1,8 +1,8 @@
-"""The messages of ROS 2 that all bags are made of. Needs the extra `record`."""
+"""The messages of ROS 2 that bags are made of, and that a node publishes."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,36 @@ def time_ns(time_s: float) -> int:
     return max(whole_s * _NS_PER_S + round((time_s - whole_s) * _NS_PER_S), 1)
 
 
+class MakeMessage(Protocol):
+    """Makes a message of `package/msg/name` with the values of its fields, in their order."""
+
+    def __call__(self, package: str, name: str, *values: Any) -> Any:
+        """Make it."""
+
+
 class RosTypes:
     """Makes messages.
 
+    Args:
+        make: Makes one message, such as of the classes of `rclpy`; if None, those of rosbags are
+            made, which needs the extra `record`.
+
     Attributes:
-        store: The types of rosbags.
+        store: The types of rosbags; None if `make` is given.
     """
 
-    def __init__(self) -> None:
-        from rosbags.typesys import Stores, get_typestore
+    def __init__(self, make: MakeMessage | None = None) -> None:
+        self._make = make
+        self.store: Any = None
+        if make is None:
+            from rosbags.typesys import Stores, get_typestore
 
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
+            self.store = get_typestore(Stores.ROS2_HUMBLE)
 
     def new(self, package: str, name: str, *values: Any) -> Any:
         """A message of `package/msg/name` with the values of its fields, in their order."""
+        if self._make is not None:
+            return self._make(package, name, *values)
         return self.store.types[f"{package}/msg/{name}"](*values)
 
     def header(self, time_s: float, frame: str) -> Any:

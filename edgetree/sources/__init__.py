@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from edgetree.sources.opening import open_frames
     from edgetree.sources.phones.opening import open_capture
     from edgetree.sources.pushed import PushedFrames
+    from edgetree.sources.ros_topics import TopicFrames
     from edgetree.sources.source import FrameSource, SourceLost
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "FrameSource",
     "PushedFrames",
     "SourceLost",
+    "TopicFrames",
     "frame_from_arrays",
     "open_camera",
     "open_capture",
@@ -63,6 +65,7 @@ _MODULES = {
     "open_frames": "opening",
     "open_capture": "phones.opening",
     "PushedFrames": "pushed",
+    "TopicFrames": "ros_topics",
     "FrameSource": "source",
     "SourceLost": "source",
 }

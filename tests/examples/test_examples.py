@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import runpy
 import sys
-import threading
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -35,76 +33,6 @@ def fake_modules(monkeypatch: pytest.MonkeyPatch, modules: dict[str, dict[str, A
         module = ModuleType(name)
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
-
-
-def test_the_ros_node_publishes_the_stems(monkeypatch: pytest.MonkeyPatch, sample: Any) -> None:
-    published: list[str] = []
-    enough = threading.Event()
-    synchronisers: list[Any] = []
-
-    class Node:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-        def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
-            assert topic == "/edgetree/stems"
-
-            def publish(message: Any) -> None:
-                published.append(message.data)
-                enough.set()
-
-            return SimpleNamespace(publish=publish)
-
-    class Synchronizer:
-        def __init__(self, subscribers: list[Any], queue: int, slop: float) -> None:
-            assert [topic for _, _, topic in subscribers][2] == "/camera/color/camera_info"
-            synchronisers.append(self)
-
-        def registerCallback(self, function: Any) -> None:
-            self.function = function
-
-    def image(pixels: np.ndarray, encoding: str, padding: int) -> Any:
-        rows = pixels.reshape(len(pixels), -1).view(np.uint8)
-        data = np.pad(rows, ((0, 0), (0, padding)))
-        header = SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=500_000_000))
-        height, width = pixels.shape[:2]
-        return SimpleNamespace(
-            header=header,
-            height=height,
-            width=width,
-            encoding=encoding,
-            step=data.shape[1],
-            data=data.tobytes(),
-        )
-
-    def spin(node: Any) -> None:
-        """One set of messages, then Ctrl-C once its result is there."""
-        camera = sample.camera
-        k = [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1]
-        info = SimpleNamespace(width=camera.width, height=camera.height, k=k, d=[0.0] * 5)
-        rgb = cv2.cvtColor(sample.image(), cv2.COLOR_BGR2RGB)
-        synchronisers[0].function(image(rgb, "rgb8", 7), image(depth_mm(sample), "16UC1", 4), info)
-        assert enough.wait(60)
-        raise KeyboardInterrupt
-
-    fake_modules(
-        monkeypatch,
-        {
-            "rclpy": {"init": lambda: None, "spin": spin},
-            "rclpy.node": {"Node": Node},
-            "message_filters": {
-                "ApproximateTimeSynchronizer": Synchronizer,
-                "Subscriber": lambda node, kind, topic: (node, kind, topic),
-            },
-            "sensor_msgs.msg": {"CameraInfo": object, "Image": object},
-            "std_msgs.msg": {"String": SimpleNamespace},
-        },
-    )
-    runpy.run_path(str(EXAMPLES / "ros2_node.py"), run_name="__main__")
-    record = json.loads(published[0])
-    assert (record["schema"], record["time_s"]) == ("edgetree.live/1", 5.5)
-    assert len(record["trees"]) >= 3
-    assert any("diameter_m" in tree["metres"] for tree in record["trees"])
 
 
 def test_the_zed_camera_is_read_until_it_vanishes(

@@ -40,7 +40,8 @@ def security_headers() -> dict[str, str]:
 
 
 def _script() -> str:
-    return "".join(_asset(name) for name in ("streams.js", "plan.js", "mark.js", "page.js"))
+    names = ("streams.js", "plan.js", "mark.js", "detail.js", "page.js")
+    return "".join(_asset(name) for name in names)
 
 
 def _asset(name: str) -> str:

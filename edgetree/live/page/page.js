@@ -2,6 +2,7 @@
 const at = (id) => document.getElementById(id);
 const clock = new Clock();
 const marks = new Marks(at("mark"), at("said"));
+const detail = new Detail(at("detail"), at("list"));
 let record = null, status = null, heard_s = -Infinity, told = "", listed_s = 0;
 let picture_taken_s = null;
 
@@ -74,7 +75,8 @@ function centimetres(value, std, digits) {
 function amount(stem, name, digits, failed) {
   const metres = stem[`${name}_m`];
   if (metres === undefined) return element("div", `${name} none`, failed);
-  const [value, std] = centimetres(metres, stem[`${name}_std_m`], digits);
+  const wide = stem[`${name}_std_m`] >= 0.0995; // tenths of it say nothing
+  const [value, std] = centimetres(metres, stem[`${name}_std_m`], wide ? 0 : digits);
   const made = element("div", name, value);
   made.append(element("small", "", ` ± ${std}`));
   return made;
@@ -94,7 +96,8 @@ function noteOf(stem) {
 
 function rowOf(stem) {
   const row = element("li", stem.in_view ? "" : "unseen", "");
-  const number = element("div", "number", stem.number);
+  row.dataset.number = stem.number;
+  const number = element("div", stem.number > 999 ? "number long" : "number", stem.number);
   number.style.background = stem.colour;
   row.append(number, amount(stem, "diameter", 1, "no diameter"), amount(stem, "cut_height", 0, "–"), noteOf(stem));
   return row;
@@ -107,7 +110,10 @@ function showStems() {
   list.replaceChildren(...stems.slice(0, room).map(rowOf));
   const parts = [`${seen} of ${stems.length} in view`];
   if (stems.length > room) parts.push(`${stems.length - room} not listed`);
-  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± 1 std. dev.`;
+  const warned = stems.some((stem) => stem.warnings.length > 0);
+  const last = warned ? "⚠: touch it." : "± 1 std. dev.";
+  at("more").textContent = record.metres_need || `${parts.join(", ")}. ${last}`;
+  detail.show(stems);
 }
 
 function rowHeight(list) {

@@ -144,6 +144,8 @@ def test_tensorrt_gets_its_exclusions_and_its_cache_folder(
         seen.update(asked)
         raise RuntimeError("stop here")
 
+    severities: list[int] = []
+    monkeypatch.setattr(onnxruntime, "set_default_logger_severity", severities.append)
     names = [f"{name}ExecutionProvider" for name in ("Tensorrt", "CUDA", "CPU")]
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: names)
     monkeypatch.setattr(onnxruntime, "InferenceSession", opened)
@@ -159,6 +161,7 @@ def test_tensorrt_gets_its_exclusions_and_its_cache_folder(
     assert ("trt_engine_cache_enable" in options) == cache
     assert folder is None or folder.is_dir()
     assert seen["enable_fallback"] == 0
+    assert severities == [3]  # warnings of kernels do not reach users
 
 
 @pytest.mark.parametrize(
@@ -207,6 +210,7 @@ def test_bound_inputs_give_the_same_outputs(monkeypatch: pytest.MonkeyPatch) -> 
     [
         (["--provider", "openvino"], 2, "edgetree: provider 'openvino' is not in the installed"),
         (["--provider", "gpu"], 2, "edgetree: provider is 'gpu': expected one of auto, cpu"),
+        (["--provider-cache", "x"], 2, "edgetree: cache folder is x, but provider 'cpu' has no"),
         (
             ["--provider", "openvino", "--no-strict"],
             0,

@@ -3,6 +3,7 @@
 Slow, because a browser starts. Run it with: pytest -m slow tests/edgetree/live/page
 """
 
+import dataclasses
 import shutil
 import threading
 import time
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from edgetree.live.page import PageServer
+from edgetree.measure import Estimate
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = pytest.mark.slow
@@ -143,3 +145,48 @@ def test_without_a_recorder_there_is_no_button(browser, serve, live_result) -> N
     page.goto(server.address)
     until(page, "document.getElementById('state').textContent !== 'NO CONNECTION'")
     assert not page.is_visible("#mark")
+
+
+WARNINGS = (
+    "the views contradict each other: 24.1 and 31.9 cm, 3.4 deviations apart",
+    "the cut is 0.52 m above the ground: more than the 0.3 m of a stump",
+)
+# Texts of the rows that are wider than their place, but for the notes, which end in dots.
+CUT = """[...document.querySelectorAll('#list li > div:not(.note)')].filter((each) => {
+  const text = document.createRange();
+  text.selectNodeContents(each);
+  const next = each.nextElementSibling.getBoundingClientRect();
+  const own = each.getBoundingClientRect();
+  const end = each.className.startsWith('diameter') ? next.left : own.right;
+  return text.getBoundingClientRect().right > end + 1;
+}).map((each) => each.textContent)"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(800, 480), (1024, 600), (480, 800)])
+def test_long_numbers_fit_and_warnings_can_be_read_in_full(
+    browser, serve, live_result, width: int, height: int
+) -> None:
+    server = serve(stale_s=60.0)
+    result = live_result(stems=4)
+    first, second, *others = result.tracks
+    large = {"diameter_m": Estimate(1.234, 0.089), "cut_height_m": Estimate(1.23, 0.12)}
+    tracks = [
+        dataclasses.replace(first, number=12345, warnings=WARNINGS, **large),
+        dataclasses.replace(second, number=1234, diameter_m=Estimate(1.234, 0.123)),
+        *others,
+    ]
+    server.publish(dataclasses.replace(result, tracks=tracks))
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.goto(server.address)
+    until(page, "document.querySelectorAll('#list li').length >= 2")
+    assert page.evaluate(CUT) == []
+    diameters = page.locator("#list .diameter").all_inner_texts()
+    assert diameters[:2] == ["123.4 ± 8.9", "123 ± 12"]
+    page.dispatch_event("#list li:first-child", "pointerdown")
+    lines = page.locator("#detail .warning").all_inner_texts()
+    assert lines == [f"⚠ {text}" for text in WARNINGS]
+    page.focus("#list")
+    page.keyboard.press("ArrowDown")
+    assert "No warnings" in page.inner_text("#detail")
+    page.keyboard.press("Escape")
+    assert page.is_hidden("#detail")

@@ -1,0 +1,42 @@
+#!/bin/sh
+# Install the version in a bundle beside the others, check it, and switch to it.
+#
+#   sudo deploy/update.sh BUNDLE
+#
+# BUNDLE is a folder with wheels/ and runtime.txt, and sign.txt if models are signed. The version that
+# ran before is kept for roll_back.sh, and is taken again if the service does not run with the new one.
+set -eu
+. "$(dirname "$0")/links.sh"
+
+bundle=${1:-}
+wheel=$(ls "$bundle"/wheels/edgetree-*.whl 2> /dev/null || true)
+[ -f "$wheel" ] || fail "$bundle holds $(echo "$wheel" | grep -c .) wheels of edgetree: expected wheels/edgetree-VERSION-py3-none-any.whl"
+version=$(basename "$wheel" | cut -d- -f2)
+before=$(readlink "$root/current" || true)
+[ "$before" != "$version" ] || fail "version $version is in use already: expected a bundle of another"
+
+if [ ! -e "$root/$version/complete" ]; then
+    rm -rf "${root:?}/$version" # what an interrupted update left
+    python3 -m venv "$root/$version"
+    for list in runtime sign; do
+        [ ! -e "$bundle/$list.txt" ] ||
+            "$root/$version/bin/pip" install --no-index --find-links "$bundle/wheels" -r "$bundle/$list.txt"
+    done
+    "$root/$version/bin/pip" install --no-index --no-deps "$wheel"
+    touch "$root/$version/complete"
+fi
+"$root/$version/bin/edgetree" doctor || fail "version $version is not healthy: $before stays in use"
+if [ -e "$root/model.onnx.sig" ] || [ -e "$(readlink -f "$root/model.onnx").sig" ]; then
+    "$root/$version/bin/edgetree" trust --check "$root/model.onnx" ||
+        fail "version $version refuses the model in use: $before stays in use"
+fi
+
+point current "$version"
+if ! restart; then
+    [ -n "$before" ] || fail "the service does not run with version $version: see journalctl -u edgetree"
+    point current "$before"
+    restart || true
+    fail "the service does not run with version $version: went back to $before, see journalctl -u edgetree"
+fi
+[ -z "$before" ] || point previous "$before"
+echo "version $version is in use; ${before:-none} was before"
