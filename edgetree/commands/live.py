@@ -20,7 +20,7 @@ from edgetree.commands.live_options import (
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
-from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
+from edgetree.commands.options import ModelByInput, ScoreThreshold, model_file, model_words
 
 if TYPE_CHECKING:
     from edgetree.live.pipeline import LivePipeline
@@ -46,7 +46,7 @@ _Source: TypeAlias = Annotated[
 class _ModelOptions:
     """The options about the model."""
 
-    model: Model = "depth"
+    model: ModelByInput = None
     score_threshold: ScoreThreshold = 0.5
 
 
@@ -70,23 +70,27 @@ def live(
     earlier run are kept under another name.
     """
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import check_complete, warnings_shown
+    from edgetree.catalogue import suited_model
+    from edgetree.commands.frame_results import check_complete, different_words, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
-    model, score_threshold = model_options.model, model_options.score_threshold
+    score_threshold = model_options.score_threshold
     rig_options = metres.as_rig_options()
     check_paths(
         outputs.paths | {"--record": record_options.record},
         {
             "source": Path(source),
             "--depth": source_options.depth,
-            "--model": model_file(model),
+            "--model": model_file(model_options.model),
             **rig_options.files(metres.camera),
         },
     )
     outputs.origin()  # a wrong value ends the command here
+    has_depth = source_options.has_depth(source)
+    outputs.check_places(source, has_depth=has_depth or rig_options.references() is not None)
+    model = model_options.model or suited_model(has_depth)
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
@@ -133,6 +137,9 @@ def live(
                 note(line)
             raise
         note(pipeline.status.line())
+        if pipeline.in_picture is not None and pipeline.in_picture.frames > 1:
+            found = pipeline.in_picture.different()
+            note(different_words(found) if found else f"trees not counted: {found.reason}")
         note(model_words(detector, model_path))
     guarded.check()
     check_complete(source, pipeline.status.remarks)

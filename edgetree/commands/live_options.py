@@ -100,6 +100,12 @@ class LiveSourceOptions:
     as_live: _AsLive = False
     loop: _Loop = False
 
+    def has_depth(self, source: str) -> bool:
+        """Whether the frames of the source have depth."""
+        from edgetree.sources.depth_there import has_depth
+
+        return has_depth(source, self.depth, topics=topics_by_role(self.topic))
+
     def open(self, source: str, rig: Rig, takes_depth: bool) -> FrameSource:
         """Open the source for a model that takes depth, or colour."""
         from edgetree.sources.bags.names import is_bag

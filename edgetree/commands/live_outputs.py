@@ -111,6 +111,26 @@ class LiveOutputs:
         """The files and folders by option."""
         return {f"--{name}": value for name, value in vars(self).items() if isinstance(value, Path)}
 
+    def check_places(self, source: str, *, has_depth: bool) -> None:
+        """Raise InputError if an output needs stems in metres, and nothing tells them.
+
+        Args:
+            source: Value of SOURCE. A recording may tell distances by its motion.
+            has_depth: Whether it has depth, or an option tells distances without it.
+        """
+        from basetree.errors import InputError
+        from edgetree.sources.opening import is_stream
+
+        if has_depth or is_stream(Path(source)):
+            return
+        for name in ("map", "report", "bag"):
+            if getattr(self, name) is not None:
+                raise InputError(
+                    f"--{name} needs stems in metres, and {source} has no depth: expected a source"
+                    " with depth, --depth, or without depth --camera and --camera-height; `edgetree"
+                    " run` counts stems in the picture"
+                )
+
     def origin(self) -> MapOrigin | None:
         """The place of the map; None for local metres.
 

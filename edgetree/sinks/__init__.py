@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from edgetree.sinks.report import ReportSink, StemReportSink
     from edgetree.sinks.sink import FileSink, Sink
     from edgetree.sinks.text_files import CsvSink, CsvTracksSink, JsonLinesSink, LinesSink
+    from edgetree.sinks.video import VideoSink
 
 __all__ = [
     "BagSink",
@@ -35,6 +36,7 @@ __all__ = [
     "Sink",
     "StemReportSink",
     "UdpSink",
+    "VideoSink",
     "open_map",
 ]
 
@@ -56,6 +58,7 @@ _MODULES = {
     "CsvTracksSink": "text_files",
     "JsonLinesSink": "text_files",
     "LinesSink": "text_files",
+    "VideoSink": "video",
 }
 
 
