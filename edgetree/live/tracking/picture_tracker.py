@@ -20,8 +20,9 @@ _CONFIRM_FRAMES: Final = 3
 _MEMORY_S, _NEW_MEMORY_S = 2.0, 0.5
 # Frames that a stem may be missing in, however far they are apart.
 _MISSED_FRAMES: Final = 2
-# Largest chi-square of a horizontal place, with one degree of freedom: three deviations.
-_GATE: Final = 9.0
+# Largest chi-square of a horizontal place, with one degree of freedom: three deviations. A place
+# that is expected with a larger deviation than the other number tells nothing.
+_GATE, _MOST_VAGUE = 9.0, 0.2
 # Standard deviation of the middle of a box, as a share of its width, and at least.
 _MIDDLE_SHARE, _MIDDLE_LEAST = 0.12, 0.003
 _WIDTH_STD, _FOOT_STD = 0.35, 0.06
@@ -148,7 +149,8 @@ class PictureTracker:
         cost += np.where(tracks["number"] > 0, 0.0, _NEW_COST)[:, None]
         cost += np.where(tracks["missed"] > 0, _UNSEEN_COST, 0.0)[:, None]
         cost += _DOUBT_COST * (1 - seen.score)
-        return match_greedily(cost, chi_square <= _GATE)
+        vague = tracks["covariance"][:, 0, 0] > _MOST_VAGUE**2
+        return match_greedily(cost, (chi_square <= _GATE) & ~vague[:, None])
 
     def _see(self, rows: Index, seen: _Seen, columns: Index, time_s: float) -> None:
         """Correct the stems by the detections that they are."""
