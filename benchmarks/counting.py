@@ -1,9 +1,10 @@
 """How many different stems are counted in simulated drives, without metres.
 
-perceptree synth --out drive_1001 --preset drive --frames 60 --views 60 --width 640 --height 360 --seed 1001
+perceptree synth --out drive_1001 --preset drive --frames 60 --views 60 --width 640 \\
+    --height 360 --seed 1001
 python -m benchmarks.counting drive_1001 ... --result counting.json
 
-The truth is the number of different stems that the model finds in at least three frames. A detection
+The truth is the number of different stems that the model finds in at least three frames. One
 that is of no labelled stem, as of one far away, is told from others by its place in the world, from
 the exact depth.
 """

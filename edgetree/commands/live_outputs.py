@@ -123,7 +123,7 @@ class LiveOutputs:
 
         if has_depth or is_stream(Path(source)):
             return
-        for name in ("map", "report", "bag"):
+        for name in ("map", "report"):
             if getattr(self, name) is not None:
                 raise InputError(
                     f"--{name} needs stems in metres, and {source} has no depth: expected a source"
