@@ -155,17 +155,17 @@ def _unknown(name: str, known: list[str]) -> ModelFileError:
     )
 
 
-def find_model(text: str) -> Path:
+def find_model(model: Path | str) -> Path:
     """The file of a model that is given by name or path.
 
     Args:
-        text: a name as for `default_model`, or the path of an .onnx file.
+        model: a name as for `default_model`, or the path of an .onnx file.
 
     Raises:
         ModelFileError: There is neither a known model nor a file of this name.
         InputError: a folder that EDGETREE_MODELS names does not exist.
     """
-    path = Path(text)
+    text, path = str(model), Path(model)
     is_path = path.is_file() or path.suffix == ".onnx" or len(path.parts) > 1
     return path if is_path and text not in MODALITIES else default_model(text)
 

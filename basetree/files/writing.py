@@ -120,6 +120,35 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             os.close(lock)
 
 
+@contextmanager
+def replacing_named(path: Path) -> Iterator[Path]:
+    """Give the block the path of a file for a library to write, which becomes `path` at its end.
+
+    It has the same name, in a temporary folder beside `path`.
+
+    Args:
+        path: File to write or replace.
+
+    Raises:
+        UnwritableFile: If the folder cannot be made, or the file not be renamed. And whatever the
+            block raises.
+    """
+    with errors_naming(path):
+        if (path.exists() and not path.is_file()) or is_stream(path):
+            raise OSError(errno.EINVAL, _NOT_REGULAR)
+        _remove_leftovers_once(os.path.realpath(path.parent))
+        folder, lock = _new_folder(path.parent)
+    try:
+        yield folder / path.name
+        with errors_naming(path):
+            (folder / path.name).replace(path)
+            sync_folder(path.parent)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
 def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
     """Write a file at once or not at all.
 

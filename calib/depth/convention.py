@@ -163,13 +163,19 @@ def _float_metres(values: NDArray[Any], scale_m: float | None, name: str) -> Flo
         usable = (metres > 0) & (metres <= _MAX_READING_M)
         metres = np.where(usable, metres, 0).astype(np.float32)
     if scale_m is None:
-        _refuse_millimetres(metres, name)
+        refuse_millimetres(metres, name)
     return metres
 
 
-def _refuse_millimetres(metres: Float32, name: str) -> None:
+def refuse_millimetres(metres: NDArray[np.floating[Any]], name: str) -> None:
+    """Raise DepthError if floating-point depth looks like millimetres.
+
+    Args:
+        metres: Depth that is said to be in metres; 0, NaN and infinity are no reading.
+        name: What messages call it.
+    """
     sampled = metres.ravel()[:: max(1, metres.size // _SAMPLED_PIXELS)]
-    readings = sampled[sampled > 0]
+    readings = sampled[(sampled > 0) & np.isfinite(sampled)]
     median = float(np.median(readings)) if readings.size else 0.0
     if median > _MAX_MEDIAN_M:
         raise DepthError(

@@ -11,7 +11,7 @@ from basetree.counts import counted
 from basetree.program.console import tell
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
-from edgetree.commands.live import ModelOptions, checked_rig, live
+from edgetree.commands.live import ModelOptions, checked_set_up, live
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
@@ -81,7 +81,9 @@ def _check_options(
 ) -> None:
     """Check what `edgetree live` checks before it opens anything."""
     page_options.check()
-    checked_rig(source, model_options.model, metres, source_options, outputs, mqtt, record_options)
+    checked_set_up(
+        source, model_options.model, metres, source_options, outputs, mqtt, record_options
+    )
 
 
 def _typed(values: dict[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
 from edgetree.frames.rig import Rig
+from edgetree.live.tracking.picture_tracker import PictureTracker
+from edgetree.measure import Estimate, Failure
 from edgetree.sources.source import INCOMPLETE, REMARKS, FrameSource, readable
 
 _FRAMES_CHECKED: Final = 20  # for the kind of their depth, which is that of all frames
@@ -87,6 +89,7 @@ class Totals:
 
     Attributes:
         rig: The cameras, for how their depth was taken.
+        stems: Follows the stems of a video or recording; None for pictures in no order.
     """
 
     rig: Rig = field(default_factory=Rig)
@@ -99,6 +102,7 @@ class Totals:
     unlike: list[str] = field(default_factory=list)
     exponents: list[RangeExponent] = field(default_factory=list)
     checked_kinds: int = 0
+    stems: PictureTracker | None = None
 
     @property
     def frames(self) -> int:
@@ -124,9 +128,14 @@ class Totals:
         """The summary."""
         median_ms = sorted(self.times_ms)[self.frames // 2]
         yield (
-            f"{counted(self.trees, 'tree')} in {counted(self.frames, 'frame')},"
+            f"{self._trees_words()} in {counted(self.frames, 'frame')},"
             f" {median_ms:.0f} ms each to detect"
         )
+        if self.frames > 1 and self.trees:
+            if self.stems is None:
+                yield "pictures in no order: the same trees may be in several of them"
+            elif isinstance(found := self.stems.different(), Failure):
+                yield f"different trees not counted: {found.reason}"
         if self.metres_need is not None:
             yield f"metres {self.metres_need}"
         if self.scaling is not None:
@@ -141,6 +150,19 @@ class Totals:
         if self.unlike:
             count = f"{len(self.unlike)} of {counted(self.frames, 'frame')}"
             yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
+
+    def _trees_words(self) -> str:
+        """The number of trees, of different ones where they are followed."""
+        times = counted(self.trees, "tree")
+        if self.stems is None or self.frames == 1 or not self.trees:
+            return times
+        found = self.stems.different()
+        return times if isinstance(found, Failure) else f"{different_words(found)} ({times} found)"
+
+
+def different_words(count: Estimate) -> str:
+    """The number of different trees as text."""
+    return f"about {count.value:.0f} ± {max(count.std, 1):.0f} different trees"
 
 
 def ground_exponents(result: FrameResult, rig: Rig) -> list[RangeExponent]:

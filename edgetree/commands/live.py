@@ -22,7 +22,7 @@ from edgetree.commands.live_options import (
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
-from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
+from edgetree.commands.options import ModelByInput, ScoreThreshold, model_file, model_words
 from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ _Source: TypeAlias = Annotated[
 class ModelOptions:
     """The options about the model."""
 
-    model: Model = "depth"
+    model: ModelByInput = None
     score_threshold: ScoreThreshold = 0.5
 
 
@@ -96,15 +96,15 @@ def live(
     earlier run are kept under another name.
     """
     from basetree.errors import EdgetreeError, InputError
-    from edgetree.commands.frame_results import check_complete, warnings_shown
+    from edgetree.commands.frame_results import check_complete, different_words, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.health import ServiceHealth, StateReporter
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
-    model, score_threshold = model_options.model, model_options.score_threshold
-    rig, settings = checked_rig(
-        source, model, metres, source_options, outputs, mqtt, record_options
+    score_threshold = model_options.score_threshold
+    model, rig, settings = checked_set_up(
+        source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
@@ -180,26 +180,32 @@ def live(
             # A set-up that gave results is not wrong: the exit code lets a supervisor start again.
             raise EdgetreeError(str(error)) from error
         note(pipeline.status.line())
+        if pipeline.in_picture is not None and pipeline.in_picture.frames > 1:
+            found = pipeline.in_picture.different()
+            note(different_words(found) if found else f"trees not counted: {found.reason}")
         note(model_words(detector, model_path))
     guarded.check()
     check_complete(source, pipeline.status.remarks)
 
 
-def checked_rig(
+def checked_set_up(
     source: str,
-    model: str,
+    model: str | None,
     metres: LiveMetresOptions,
     source_options: LiveSourceOptions,
     outputs: LiveOutputs,
     mqtt: MqttSettings,
     record_options: LiveRecordOptions,
-) -> tuple[Rig, MeasureSettings | None]:
-    """Check what can be checked before anything is opened; returns rig and settings.
+) -> tuple[str, Rig, MeasureSettings | None]:
+    """Check what can be checked before anything is opened; returns model, rig and settings.
+
+    The model is the one that suits the source, if none is given.
 
     Raises:
         InputError: Options contradict each other, a value is wrong, or a file cannot be read.
     """
     from basetree.files.writing import check_paths
+    from edgetree.catalogue import suited_model
 
     rig_options = metres.as_rig_options()
     check_paths(
@@ -213,7 +219,10 @@ def checked_rig(
     )
     topics_by_role(source_options.topic)
     outputs.check(mqtt)
-    return rig_options.rig(metres.camera, None), rig_options.settings()
+    has_depth = source_options.has_depth(source)
+    outputs.check_places(source, has_depth=has_depth or rig_options.references() is not None)
+    rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
+    return model or suited_model(has_depth), rig, settings
 
 
 def _follow(

@@ -113,6 +113,13 @@ class LiveSourceOptions:
     as_live: _AsLive = False
     loop: _Loop = False
 
+    def has_depth(self, source: str) -> bool:
+        """Whether the frames of the source have depth, as those of programs may."""
+        from edgetree.sources.depth_there import has_depth
+
+        topics = topics_by_role(self.topic)
+        return source == CLIENTS or has_depth(source, self.depth, topics=topics)
+
     def open(
         self, source: str, rig: Rig, takes_depth: bool, service: Service | None = None
     ) -> FrameSource:

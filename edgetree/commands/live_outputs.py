@@ -117,6 +117,26 @@ class LiveOutputs:
         """Whether results go to a file or a controller."""
         return bool(self.paths or self.udp or self.mqtt)
 
+    def check_places(self, source: str, *, has_depth: bool) -> None:
+        """Raise InputError if an output needs stems in metres, and nothing tells them.
+
+        Args:
+            source: Value of SOURCE. A recording may tell distances by its motion.
+            has_depth: Whether it has depth, or an option tells distances without it.
+        """
+        from basetree.errors import InputError
+        from edgetree.sources.opening import is_stream
+
+        if has_depth or is_stream(Path(source)):
+            return
+        for name in ("map", "report"):
+            if getattr(self, name) is not None:
+                raise InputError(
+                    f"--{name} needs stems in metres, and {source} has no depth: expected a source"
+                    " with depth, --depth, or without depth --camera and --camera-height; `edgetree"
+                    " run` counts stems in the picture"
+                )
+
     def origin(self) -> MapOrigin | None:
         """The place of the map; None for local metres.
 

@@ -29,7 +29,6 @@ from edgetree.commands.options import (
     check_extrinsic,
     check_report,
     model_file,
-    model_for,
     model_record,
     model_words,
     quoted,
@@ -215,11 +214,11 @@ def measure(
     Each value comes with its standard deviation, or the reason why it could not be measured.
     """
     from basetree.files.writing import check_paths
-    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
+    from edgetree.commands.other_model import better_result
     from edgetree.results.csv_table import measurements_of
     from edgetree.results.text_table import table_lines
-    from edgetree.sources.files import depth_alone
+    from edgetree.sources import model_for
 
     depth, mask, score_threshold = inputs.depth, inputs.mask, inputs.score_threshold
     if shards.are_given:
@@ -239,22 +238,27 @@ def measure(
         },
     )
     head = report_options.head(outputs.report)
-    cloud = image if is_cloud_file(image) else None  # which depth models see
-    model = model_for(inputs.model, depth or inputs.right or cloud or depth_alone(image))
+    model = inputs.model or model_for(image, depth, inputs.right, inputs.cloud)
     if shards.are_given:
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
         return
     rig, pair = rig_options.rig_and_pair(camera, depth, inputs.right)
     settings = rig_options.settings()
-    detector = None
+    opened = None if mask is not None else session.open_model(model, score_threshold)
+
+    def process(detector: TreeDetector | None) -> FrameResult:
+        return inputs.process(image, detector, rig, settings, pair)
+
+    result, opinion = process(None if opened is None else opened[0]), None
     trees_from: dict[str, Any] = {"mask": str(mask)}
     trees_from_words = f"the mask {mask}"
-    if mask is None:
-        detector, model_path = session.open_model(model, score_threshold)
-        trees_from = {"model": model_record(detector, model_path)}
-        trees_from_words = f"the model {model_path.name}"
-    result = inputs.process(image, detector, rig, settings, pair)
+    if opened is not None:
+        result, opened, opinion = better_result(
+            result, opened, session, process, may_replace=inputs.model is None
+        )
+        trees_from = {"model": model_record(*opened)}
+        trees_from_words = f"the model {opened[1].name}"
     outputs.write(result, str(image), trees_from_words, head)
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
@@ -263,9 +267,11 @@ def measure(
         numbers, sizes = result.found.numbers, result.pixel_sizes
         for line in table_lines(measurements_of(result), numbers, sizes, width=width):
             tell(line)
-    if detector is not None:
-        note(model_words(detector, model_path))
-    for line in filter(None, (result.scaling, result.turning, kind_of_depth_words([result], rig))):
+    if opened is not None:
+        note(model_words(*opened))
+    for line in filter(
+        None, (opinion, result.scaling, result.turning, kind_of_depth_words([result], rig))
+    ):
         note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)

@@ -32,7 +32,8 @@ ModelByInput: TypeAlias = Annotated[
     typer.Option(
         metavar="NAME|FILE",
         help="An exported .onnx file, or the name of a model that `edgetree models` lists. If not"
-        " given: depth, the default for depth images, with --depth, otherwise rgb.",
+        " given: depth, the default for depth images, where the source or an option such as --depth"
+        " tells depth, otherwise rgb.",
     ),
 ]
 Threads: TypeAlias = Annotated[
@@ -256,13 +257,6 @@ def check_report(path: Path | None) -> None:
 
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report is {path}: expected a file name ending in .html")
-
-
-def model_for(model: str | None, depth: Path | None) -> str:
-    """The value of --model, or the name of the model that suits the input."""
-    from edgetree.catalogue import suited_model
-
-    return suited_model(with_depth=depth is not None) if model is None else model
 
 
 def model_words(detector: TreeDetector, path: Path) -> str:

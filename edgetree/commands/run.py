@@ -30,7 +30,6 @@ from edgetree.commands.options import (
     check_extrinsic,
     check_report,
     model_file,
-    model_for,
     model_record,
     model_words,
     quoted,
@@ -59,7 +58,12 @@ _Source: TypeAlias = Annotated[
     ),
 ]
 _Out: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Folder for drawn pictures; created if needed.")
+    Path | None,
+    typer.Option(
+        metavar="FOLDER|VIDEO",
+        help="Folder for drawn pictures, created if needed; or for a video or recording the name of"
+        " a video to draw, such as drawn.mp4.",
+    ),
 ]
 _JsonLines: TypeAlias = Annotated[
     Path | None,
@@ -159,6 +163,7 @@ class _Outputs:
         score_threshold: float,
         reasons: list[str],
         head: ReportHead,
+        rate_hz: float | None,
     ) -> None:
         """Open the files but for the JSON lines.
 
@@ -169,10 +174,12 @@ class _Outputs:
             score_threshold: Lowest score of trees.
             reasons: Why frames are left out, for the report.
             head: Title, place and area of the report.
+            rate_hz: Frames per second of a video to draw; None for those of the time stamps.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
         from edgetree.sources.files import as_typed
+        from edgetree.sources.videos import is_video_name
 
         def map_sink(path: Path) -> FileSink[Any]:
             from edgetree.live.posed_map import PosedMapSink
@@ -182,7 +189,9 @@ class _Outputs:
         named, words = as_typed(source), f"the model {model}"
         makers: dict[str, Callable[[Path], FileSink[Any]]] = {
             "csv": lambda path: sinks.CsvSink(path, TREES),
-            "out": lambda path: sinks.PicturesSink(path),
+            "out": lambda path: (
+                sinks.VideoSink(path, rate_hz) if is_video_name(path) else sinks.PicturesSink(path)
+            ),
             "profiles": lambda path: sinks.CsvSink(path, PROFILES),
             "coco": lambda path: sinks.CocoSink(path, model, score_threshold),
             "report": lambda path: sinks.ReportSink(path, named, words, reasons, head),
@@ -225,7 +234,6 @@ def run(
     boxes, masks (COCO RLE) and keypoints in pixels, and with depth and a camera the measurements of
     each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the results so far.
     """
-    from calib.clouds import is_cloud_file
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
@@ -236,20 +244,22 @@ def run(
         warnings_shown,
     )
     from edgetree.commands.guarded_outputs import GuardedOutputs
+    from edgetree.commands.other_model import OtherModel
     from edgetree.frames.pipeline import process
+    from edgetree.live.results import numbered_stems
+    from edgetree.live.tracking.picture_tracker import PictureTracker
     from edgetree.measure import StemViews
     from edgetree.results.frame_line import frame_line
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink, LinesSink
-    from edgetree.sources.files import depth_alone, depth_inside
+    from edgetree.sources import model_for
     from edgetree.sources.opening import is_stream
-    from edgetree.sources.videos import is_picture
+    from edgetree.sources.videos import VideoFrames, is_picture, is_video
 
     _check(source, inputs, rig_options, outputs, shards)
     head = report_options.head(outputs.report)
-    cloud = source if is_cloud_file(source) else None  # which depth models see
-    depth = inputs.depth or inputs.right or cloud or depth_inside(source) or depth_alone(source)
-    model = model_for(inputs.model, depth)
+    depth = (inputs.depth, inputs.right, inputs.cloud)
+    model = inputs.model or model_for(source, *depth, topics=topics_by_role(inputs.topic))
     if shards.are_given:
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
@@ -258,7 +268,10 @@ def run(
     rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right)
     settings = rig_options.settings()
     are_files = source.is_dir() and not is_stream(source)
-    totals, left_out = Totals(rig), LeftOut(inputs.strict_frames or not are_files)
+    stems = PictureTracker() if is_stream(source) or is_video(source) else None
+    totals = Totals(rig, stems=stems)
+    left_out = LeftOut(inputs.strict_frames or not are_files)
+    other = OtherModel(detector, session)
     records: list[dict[str, Any]] = []
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
@@ -277,14 +290,18 @@ def run(
                     else JsonLinesSink(lines, record, grows=False)
                 ),
             )
-        outputs.open(guarded, source, model_path.name, score_threshold, left_out.reasons, head)
+        rate_hz = frames.rate_hz if isinstance(frames, VideoFrames) else None
+        about = (model_path.name, score_threshold, left_out.reasons, head, rate_hz)
+        outputs.open(guarded, source, *about)
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
         views = StemViews()
 
         def measure(frame: Frame) -> FrameResult:
-            return process(frame, detector, rig, settings, views)
+            result = process(frame, detector, rig, settings, views)
+            other.look(result, lambda detector: process(frame, detector, rig, settings))
+            return result if stems is None else numbered_stems(result, stems)
 
         results = frame_results(frames, measure, left_out, shown=not on_terminal)
         is_interrupted = _write_all(results, writes)
@@ -306,9 +323,12 @@ def run(
                 **({"interrupted": True} if is_interrupted else {}),
             }
         )
-    for line in (*totals.lines(), *source_remarks(frames), model_words(detector, model_path)):
+    words = model_words(detector, model_path)
+    for line in (*totals.lines(), *source_remarks(frames), words, *other.lines()):
         note(line)
-    note_files({words: outputs.path_if(guarded, name) for name, words in _FILES.items()})
+    is_video_out = outputs.out is not None and outputs.out.is_file()
+    words_of = {**_FILES, **({"out": "video"} if is_video_out else {})}
+    note_files({words: outputs.path_if(guarded, name) for name, words in words_of.items()})
     for line in guarded.missing() if is_interrupted else ():
         note(line)
     if is_interrupted:
@@ -357,7 +377,7 @@ def _check(
     from basetree.files.writing import check_paths
     from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
-    from edgetree.sources.videos import is_video
+    from edgetree.sources.videos import is_video, is_video_name
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -377,6 +397,11 @@ def _check(
         check_extrinsic(rig_options.extrinsic, source if source.is_file() else None, inputs.cloud)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
+    if outputs.out and is_video_name(outputs.out) and not (is_video(source) or is_stream(source)):
+        raise InputError(
+            f"--out is {outputs.out} and source {source} has pictures in no order: expected a"
+            " folder, or a video or recording to draw a video of"
+        )
     if outputs.coco and is_video(source):
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
     if outputs.coco and is_stream(source) and not is_drive(source):

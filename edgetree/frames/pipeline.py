@@ -40,17 +40,27 @@ class FoundTrees:
         numbers: Number of each tree in tables and pictures.
         masks: (N, H, W) bool masks from a mask image; None for trees from a model.
         detect_ms: Time of the detection, including resizing; 0 for trees from a mask image.
+        tracks: Number of each tree's stem, the same in all frames of a stream where stems are
+            followed in the picture, and None until several frames show it; None elsewhere.
     """
 
     trees: TreeDetections
     numbers: tuple[int, ...]
     masks: NDArray[np.bool_] | None = None
     detect_ms: float = 0.0
+    tracks: tuple[int | None, ...] | None = None
 
     @classmethod
     def detected(cls, trees: TreeDetections, detect_ms: float = 0.0) -> FoundTrees:
         """Trees from a model, numbered from 1."""
         return cls(trees, tuple(range(1, len(trees) + 1)), detect_ms=detect_ms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What pictures call each tree: #12 for a followed stem, or else its number."""
+        if self.tracks is None:
+            return tuple(map(str, self.numbers))
+        return tuple("new" if track is None else f"#{track}" for track in self.tracks)
 
     def mask(self, index: int) -> NDArray[np.bool_] | None:
         """The mask of tree `index`, (H, W) bool; None if there are no masks."""

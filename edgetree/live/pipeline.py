@@ -16,8 +16,9 @@ from edgetree.errors import ModelFileError
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, find_trees, measure_frame
 from edgetree.frames.rig import Rig
-from edgetree.live.results import LiveResult, followed
+from edgetree.live.results import LiveResult, followed, numbered_stems
 from edgetree.live.status import LiveStatus, StatusRecorder
+from edgetree.live.tracking.picture_tracker import PictureTracker
 from edgetree.live.tracking.tracker import StemTracker
 from edgetree.measure import StemViews
 from edgetree.runtime.detector import TreeDetector
@@ -67,6 +68,10 @@ class LivePipeline:
         tracker: Follows the stems; a new one if None.
         reopen_s: Time between two attempts to open a source that was lost, s.
         on_unused: Called with each frame that gets no result, and the reason, from any thread.
+
+    Attributes:
+        in_picture: Follows the stems of frames without metres; None once a frame had them, from
+            when on stems are followed in metres alone.
     """
 
     def __init__(
@@ -93,6 +98,7 @@ class LivePipeline:
         self._settings = settings
         self._views = StemViews()
         self._tracker = tracker or StemTracker()
+        self.in_picture: PictureTracker | None = PictureTracker()
         self._reopen_s = reopen_s
         self._on_unused = on_unused
         self._stopping = threading.Event()
@@ -240,6 +246,10 @@ class LivePipeline:
             self._turning = measured.turning
             _log.warning("%s", measured.turning)
         middle_s = time.perf_counter()
+        if measured.measurements is not None:
+            self.in_picture = None
+        elif self.in_picture is not None:
+            measured = numbered_stems(measured, self.in_picture)
         result = followed(measured, self._tracker)
         end_s = time.perf_counter()
         stages_ms = {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from edgetree.frames.pipeline import FrameResult
+from edgetree.live.tracking.picture_tracker import PictureTracker
 from edgetree.live.tracking.tracker import StemTracker
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import TreeMeasurement
@@ -15,7 +16,8 @@ class LiveResult(FrameResult):
     """The result of a frame, and the stems that are followed.
 
     Attributes:
-        tracks: The stems that are followed, seen in this frame or not.
+        tracks: The stems that are followed in metres, seen in this frame or not. Those that are
+            followed in the picture alone are in `found.tracks`.
         stages_ms: Time that each stage took for this frame, such as {"detect": 31.0}.
         age_s: Time from the arrival of the frame to this result, s.
         dropped: Frames that were left out so far because newer ones had arrived.
@@ -25,6 +27,13 @@ class LiveResult(FrameResult):
     stages_ms: dict[str, float] = field(default_factory=dict)
     age_s: float = 0.0
     dropped: int = 0
+
+
+def numbered_stems(result: FrameResult, stems: PictureTracker) -> FrameResult:
+    """The result with the numbers of the stems, followed into this frame."""
+    frame = result.frame
+    tracks = stems.update(frame.image, result.trees, frame.stamp_s)
+    return replace(result, found=replace(result.found, tracks=tracks))
 
 
 def followed(result: FrameResult, tracker: StemTracker) -> LiveResult:

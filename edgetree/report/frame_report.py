@@ -111,20 +111,23 @@ class _Totals:
         self._diameters_m: list[float] = []
         self._dbhs_m: list[float] = []
         self._reasons = Reasons()
+        self._tracks: set[int] | None = None
 
     def add(self, result: FrameResult) -> str:
         """Count a frame; returns its picture as HTML."""
         self._frames += 1
         anchor, name = f"frame-{self._frames}", result.frame.name
         measured = 0
-        for number, score, tree, size in zip(
-            result.found.numbers,
+        if result.found.tracks is not None:
+            self._tracks = (self._tracks or set()) | set(filter(None, result.found.tracks))
+        for name_of_tree, score, tree, size in zip(
+            result.found.names,
             result.trees.scores,
             measurements_of(result),
             result.pixel_sizes,
             strict=True,
         ):
-            self._rows.append(tree_row(anchor, name, number, float(score), tree, size))
+            self._rows.append(tree_row(anchor, name, name_of_tree, float(score), tree, size))
             self._reasons.add(tree)
             self._stand.add(tree)
             if isinstance(tree.diameter_m, Estimate):
@@ -150,13 +153,16 @@ class _Totals:
             text = AMOUNTS["diameter_m"].value(Estimate(value_m, 0.0))
             attributes = length_attributes("diameter_m", value_m)
             middle_html = f"<span {attributes}>{text} cm</span>"
+        found = (str(trees), "tree found" if trees == 1 else "trees found")
+        if self._tracks is not None:  # in a video, where the same trees are found again and again
+            found = (f"about {len(self._tracks)}", f"different trees, found {trees} times")
         return (
             f"<h1>{escape(self._head.title or f'Trees in {source}')}</h1>"
             f'<p class="lead">{escape(self._lead(source, trees_from))}</p>{unit_buttons()}'
             + parts.tiles(
                 [
                     (str(self._frames), f"{shown}{'' if self._frames == 1 else 's'}"),
-                    (str(trees), "tree found" if trees == 1 else "trees found"),
+                    found,
                     (f"{measured} of {trees}", "trees with a measured diameter"),
                     (middle_html, "median diameter at the felling cut"),
                 ]
@@ -169,7 +175,8 @@ class _Totals:
                 "Pictures",
                 "Click a picture to enlarge it. A red dot is the felling cut, with its height"
                 " above the ground; the white line is the diameter. Each label begins with the"
-                " tree's number in the table. A label with only the number means that nothing"
+                " tree's number in the table, which in videos is that of the stem in all frames,"
+                " after a #. A label with only the number means that nothing"
                 " could be measured; an amber line that ends with ! has a warning. The table gives"
                 " the reasons and warnings. Short white ticks at the edges of a stem mark the"
                 " diameters of its profile, every 10 cm or in wider steps.",

@@ -24,7 +24,7 @@ _MISSING: Final = parts.Cell("–", 'class="none"')
 def tree_row(
     anchor: str,
     frame: str,
-    number: int,
+    name: str,
     score: float,
     measured: TreeMeasurement,
     size: PixelSize | Failure,
@@ -34,7 +34,7 @@ def tree_row(
     Args:
         anchor: id of the frame's picture.
         frame: Name of the frame.
-        number: Number of the tree in the picture.
+        name: What the picture calls the tree: its number, or # and that of a followed stem.
         score: Score of the detection.
         measured: Its measurement.
         size: Its size in the picture.
@@ -49,7 +49,7 @@ def tree_row(
     return parts.row(
         [
             parts.Cell(f'<a href="#{anchor}">{escape(frame)}</a>', 'data-name="frame"'),
-            parts.Cell(f"{number}", f'data-name="tree" data-value="{number}"'),
+            parts.Cell(name, f'data-name="tree" data-value="{name.removeprefix("#")}"'),
             *(_cell(measured, name) for name in _COLUMNS),
             parts.Cell(f"{score:.0%}", f'data-name="score" data-value="{float(score):.4f}"'),
             parts.Cell(f"<ul>{remarks}</ul>", 'class="notes"') if remarks else _MISSING,

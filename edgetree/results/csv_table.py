@@ -113,10 +113,12 @@ _PROFILE: Final = (
 
 def _tree_rows(result: FrameResult) -> Iterator[dict[str, Any]]:
     trees, measurements, sizes = result.trees, measurements_of(result), result.pixel_sizes
+    tracks = result.found.tracks
     for index, number in enumerate(result.found.numbers):
         yield {
             "frame": result.frame.name,
             "tree": number,
+            "track": None if tracks is None else tracks[index],
             "score": float(trees.scores[index]),
             **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
             **_pixels(sizes[index]),
@@ -146,6 +148,7 @@ TREES: Final = Table(
     (
         "frame",
         "tree",
+        "track",
         "score",
         *_BOX,
         *_PIXELS,
@@ -187,9 +190,12 @@ _POINTS: Final = ("position_m", "position_std_m", "position_camera_m")
 
 
 def _track_rows(result: LiveResult) -> Iterator[dict[str, Any]]:
+    at = {"frame": result.frame.number, "time_s": result.frame.time_s}
+    for tree, number in enumerate(result.found.tracks or ()):
+        if number is not None:
+            yield {**at, "track": number, "state": "confirmed", "tree": tree + 1}
     for track in result.tracks:
-        frame = result.frame
-        row = {"frame": frame.number, "time_s": frame.time_s, **track_record(track)}
+        row = {**at, **track_record(track)}
         for key in _POINTS:
             row |= zip(_coordinates(key.removesuffix("_m")), row.pop(key), strict=True)
         yield row

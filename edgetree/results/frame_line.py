@@ -36,4 +36,5 @@ def frame_line(result: FrameResult) -> str:
 
 def live_line(result: LiveResult) -> str:
     """As `frame_line`, with the number of stems that are followed."""
-    return f"{frame_line(result)}, {counted(len(result.tracks), 'stem')} followed"
+    in_picture = sum(number is not None for number in result.found.tracks or ())
+    return f"{frame_line(result)}, {counted(len(result.tracks) or in_picture, 'stem')} followed"

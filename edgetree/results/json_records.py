@@ -26,12 +26,13 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     """A frame's result as a JSON object.
 
     Pixel coordinates are continuous, with (0, 0) at the outer corner of the first pixel. `tree` is
-    the number in tables and pictures, `box_px` is x0, y0, x1, y1, a keypoint is x, y, score, and
-    `mask_rle` is a compressed COCO RLE mask of the image's size. `pixels` is the tree's width in
-    the picture, which needs neither depth nor camera. `metres` is the measurement, or null if there
-    is none; `metres_need` then says which option is missing. `unlike_training` is the
-    statistic that tells that the image looks unlike the training pictures, with advice; it is there
-    only then.
+    the number in tables and pictures, `track` that of the stem in all frames of a stream (null
+    until three frames show it; not there for pictures), `box_px` is x0, y0, x1, y1, a keypoint is
+    x, y, score, and `mask_rle` is a compressed COCO RLE mask of the image's size. `pixels` is the
+    tree's width in the picture, which needs neither depth nor camera. `metres` is the measurement,
+    or null if there is none; `metres_need` then says which option is missing. `unlike_training` is
+    the statistic that tells that the image looks unlike the training pictures, with advice; it is
+    there only then.
     """
     trees = result.trees
     record: dict[str, Any] = {
@@ -62,7 +63,10 @@ def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
 
 def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
     trees = result.trees
-    record: dict[str, Any] = {"tree": result.found.numbers[index], **_detection(result, index)}
+    record: dict[str, Any] = {"tree": result.found.numbers[index]}
+    if result.found.tracks is not None:
+        record["track"] = result.found.tracks[index]
+    record |= _detection(result, index)
     if trees.keypoints_px is not None:
         record["keypoints_px"] = {
             name: [*_rounded((x, y), 2), *_rounded((score,), 4)]
@@ -85,7 +89,8 @@ def live_record(result: LiveResult) -> dict[str, Any]:
     as long as it is followed. Lengths are in metres, pixel coordinates are continuous.
     """
     frame, trees = result.frame, result.trees
-    followed = {track.tree: track.number for track in result.tracks}
+    followed: dict[int | None, int | None] = dict(enumerate(result.found.tracks or ()))
+    followed |= {track.tree: track.number for track in result.tracks}
     record: dict[str, Any] = {
         "schema": LIVE_SCHEMA,
         "frame": frame.number,

@@ -8,7 +8,7 @@ import cv2
 
 from basetree.errors import InputError
 from edgetree.drawing.primitives import Picture
-from edgetree.drawing.trees import draw_trees, picture_of_depth
+from edgetree.drawing.trees import draw_trees, picture_of_depth, tree_colour
 from edgetree.frames.pipeline import FrameResult
 from edgetree.results.tree_labels import cut_marks, numbered, profile_marks, tree_labels
 
@@ -46,10 +46,11 @@ def draw_frame(result: FrameResult) -> Picture:
     return draw_trees(
         picture_of(result),
         found.trees,
-        numbered(tree_labels(found.trees, measurements), found.numbers),
+        numbered(tree_labels(found.trees, measurements), found.names),
         masks=None if found.masks is None else list(found.masks),
         cuts=cuts,
         profiles=profiles,
+        colours=None if found.tracks is None else [tree_colour(n or 0) for n in found.tracks],
     )
 
 

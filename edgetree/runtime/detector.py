@@ -101,8 +101,7 @@ class TreeDetector:
         """
         cache = None if cache_folder is None else Path(cache_folder)
         settings = SessionSettings(provider, strict, threads, spinning, cache, require_signature)
-        path = find_model(model) if isinstance(model, str) else model
-        detector = cls(OrtSession(path, settings), score_threshold=score_threshold)
+        detector = cls(OrtSession(find_model(model), settings), score_threshold=score_threshold)
         if warm_up:
             detector.warm_up()
         return detector

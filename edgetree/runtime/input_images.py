@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
+from calib.depth.convention import refuse_millimetres
 from edgetree.model_file.manifest import Manifest
 
 _LARGEST_SIDE_PX: Final = 32767
@@ -28,7 +29,7 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
 
     Raises:
         InputError: `image` is not an array, has another shape or dtype, is empty or too large, or
-            has negative depths.
+            has negative depths or such as look like millimetres.
     """
     if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):
         raise InputError(f"{name} is a {type(image).__name__}: expected a plain numpy array")
@@ -37,8 +38,11 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
             raise InputError(f"{name} is {found}: expected uint8 (H, W, 3) BGR")
     elif image.ndim != 2 or not (image.dtype == np.uint8 or image.dtype.kind == "f"):
+        fix = ""
+        if image.ndim == 2 and image.dtype.kind in "iu":
+            fix = "; millimetres become metres by `image.astype(numpy.float32) / 1000`"
         raise InputError(
-            f"depth {name} is {found}: expected float (H, W) metres or uint8 (H, W) encoded"
+            f"depth {name} is {found}: expected float (H, W) metres or uint8 (H, W) encoded{fix}"
         )
     if image.size == 0:
         raise InputError(f"{name} is {found}: expected at least one pixel")
@@ -50,7 +54,7 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
 
 
 def _check_depth(depth_m: NDArray[Any], name: str) -> None:
-    """Reject negative depths, except minus infinity, which some cameras use for no reading."""
+    """Reject negative depths, but for minus infinity, a sign of no reading; and millimetres."""
     negative = depth_m < 0
     if negative.any():
         lowest = depth_m[negative & np.isfinite(depth_m)].min(initial=0)
@@ -59,6 +63,7 @@ def _check_depth(depth_m: NDArray[Any], name: str) -> None:
                 f"depth {name} has negative depths, {lowest:g} m the lowest: expected metres in"
                 " front of the camera, and 0.0, NaN or an infinity where there is no reading"
             )
+    refuse_millimetres(depth_m, f"depth {name}")
 
 
 def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> UInt8:

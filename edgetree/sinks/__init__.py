@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from edgetree.sinks.report import ReportSink, StemReportSink
     from edgetree.sinks.sink import FileSink, Sink
     from edgetree.sinks.text_files import CsvSink, CsvTracksSink, JsonLinesSink, LinesSink
+    from edgetree.sinks.video import VideoSink
 
 __all__ = [
     "BagSink",
@@ -38,6 +39,7 @@ __all__ = [
     "Sink",
     "StemReportSink",
     "UdpSink",
+    "VideoSink",
     "open_map",
 ]
 
@@ -60,6 +62,7 @@ _MODULES = {
     "CsvTracksSink": "text_files",
     "JsonLinesSink": "text_files",
     "LinesSink": "text_files",
+    "VideoSink": "video",
 }
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from edgetree.sources.cameras.opencv import open_camera
     from edgetree.sources.cameras.orbbec import open_orbbec
     from edgetree.sources.cameras.realsense import open_realsense
+    from edgetree.sources.depth_there import model_for
     from edgetree.sources.drive import open_drive
     from edgetree.sources.files import open_files, open_source
     from edgetree.sources.live import SOURCE_FORMS, open_live_source
@@ -37,6 +38,7 @@ __all__ = [
     "SourceLost",
     "TopicFrames",
     "frame_from_arrays",
+    "model_for",
     "open_camera",
     "open_capture",
     "open_drive",
@@ -57,6 +59,7 @@ _MODULES = {
     "open_camera": "cameras.opencv",
     "open_orbbec": "cameras.orbbec",
     "open_realsense": "cameras.realsense",
+    "model_for": "depth_there",
     "open_drive": "drive",
     "open_files": "files",
     "open_source": "files",

@@ -32,7 +32,8 @@ SOURCE_FORMS: Final = (
     " folder of Stray Scanner), a drive of the simulator, a folder of images, or a video"
 )
 
-_VENDORS: Final = {"realsense": open_realsense, "oak": open_oak, "orbbec": open_orbbec}
+VENDORS: Final = {"realsense": open_realsense, "oak": open_oak, "orbbec": open_orbbec}
+"""What opens the cameras with depth, by name."""
 _DEVICE: Final = re.compile(r"(?:/dev/video)?(\d+)")
 _ADDRESS: Final = re.compile(r"(?:rtsps?|https?|udp|tcp|rtmp)://")
 
@@ -70,27 +71,25 @@ def open_live_source(
     """
     rig = with_scale(rig, depth_scale_m)
     name = text.strip()
-    is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))
-    is_camera = is_camera or _DEVICE.fullmatch(name) is not None
+    camera = is_camera(name)
     path = Path(name)
-    is_phone = not is_camera and is_capture(path)
-    is_recording = not (is_camera or is_phone) and is_bag(path)
+    is_phone = not camera and is_capture(path)
+    is_recording = not (camera or is_phone) and is_bag(path)
     check_options(
         text,
         {
             "topics": bool(topics) and not is_recording,
-            "depth_scale_m": rig.depth_scale_m is not None and is_camera,
-            "depth_kind": rig.depth_kind != "depth" and is_camera,
+            "depth_scale_m": rig.depth_scale_m is not None and camera,
+            "depth_kind": rig.depth_kind != "depth" and camera,
             "depth_calibration": rig.depth_calibration is not None
-            and is_camera
-            and name not in _VENDORS,
-            "depth": depth is not None
-            and (is_camera or is_recording or is_phone or is_drive(path)),
-            "loop": loop and is_camera,
+            and camera
+            and name not in VENDORS,
+            "depth": depth is not None and (camera or is_recording or is_phone or is_drive(path)),
+            "loop": loop and camera,
             "scene": scene is not None and not is_drive(path),
         },
     )
-    if is_camera:
+    if camera:
         return _open_camera(name, rig)
     if is_recording:
         source = open_recording(path, topics=topics, modality=modality, rig=rig)
@@ -103,9 +102,15 @@ def open_live_source(
     return Looped(source) if loop else source
 
 
+def is_camera(text: str) -> bool:
+    """Whether a text names a camera, as for `open_live_source`."""
+    name = text.strip()
+    return name in VENDORS or "!" in name or bool(_ADDRESS.match(name) or _DEVICE.fullmatch(name))
+
+
 def _open_camera(name: str, rig: Rig) -> FrameSource:
-    if name in _VENDORS:
-        source = _VENDORS[name](up_camera=rig.up_camera)
+    if name in VENDORS:
+        source = VENDORS[name](up_camera=rig.up_camera)
         if rig.depth_calibration is None:
             return source
         return Changed(source, partial(_calibrated, calibration=rig.depth_calibration))

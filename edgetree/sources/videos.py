@@ -43,6 +43,11 @@ def is_video(path: Path) -> bool:
     return is_video_file(path) and not is_image_file(path)
 
 
+def is_video_name(path: Path) -> bool:
+    """Whether a path to write is the name of a video, and no folder that is there."""
+    return path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir()
+
+
 def is_picture(path: Path) -> bool:
     """Whether a file is a picture by its name or its content."""
     suffix = path.suffix.lower()
@@ -60,6 +65,9 @@ class VideoFrames(BaseSource):
     Args:
         path: The video.
         upright: Whether the frames are turned as the file says; otherwise they are as stored.
+
+    Attributes:
+        rate_hz: Frames per second that it states, or 25.
     """
 
     def __init__(self, path: Path, upright: bool = True) -> None:
@@ -75,6 +83,7 @@ class VideoFrames(BaseSource):
                     f"video {path} has no frame that OpenCV can read"
                     f"{_because(incomplete_words(path))}: expected one"
                 )
+            self.rate_hz = capture.rate_hz
         self.count = int(stated) if 0 < stated < 2**31 else None
 
     def __iter__(self) -> Iterator[Frame]:

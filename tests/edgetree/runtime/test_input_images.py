@@ -31,6 +31,8 @@ BAD_IMAGES = [
     ("rgb", "tree.jpg", "image is a str: expected a plain numpy array"),
     ("rgb", [[[0, 0, 0]]], "image is a list: expected a plain numpy array"),
     ("depth", np.zeros((9, 9), np.uint16), r"uint16 .*expected float \(H, W\) metres or uint8"),
+    ("depth", np.zeros((9, 9), np.uint16), r"become metres by .*astype\(numpy.float32\) / 1000"),
+    ("depth", np.full((9, 9), 3500.0, np.float32), r"median of 3500: expected metres; .*millimet"),
     ("depth", np.zeros((9, 9, 3), np.uint8), r"\(9, 9, 3\): expected float"),
     ("depth", np.zeros((9, 9), complex), r"complex128 .*expected float"),
     ("depth", np.zeros((9, 0), np.float32), "expected at least one pixel"),
