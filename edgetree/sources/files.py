@@ -99,7 +99,11 @@ def open_source(
 
 
 def open_image_files(
-    files: Sequence[tuple[str, Path, Path | None]], *, depth_only: bool, rig: Rig
+    files: Sequence[tuple[str, Path, Path | None]],
+    *,
+    depth_only: bool,
+    rig: Rig,
+    upright: bool = True,
 ) -> FrameSource:
     """Open image files as frames.
 
@@ -107,11 +111,13 @@ def open_image_files(
         files: (name of the frame, image, depth image or None) of each.
         depth_only: Whether the images are depth images instead of colour images.
         rig: Cameras and depth unit.
+        upright: As for `open_source`.
 
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, rig.camera is None)
+    upright = upright and rig.camera is None
+    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, upright)
 
 
 def open_files(
@@ -152,7 +158,7 @@ def as_typed(source: Path) -> str:
 
 def has_images(folder: Path) -> bool:
     """Whether a path is a folder with images in it."""
-    return folder.is_dir() and any(map(_is_image, folder.iterdir()))
+    return folder.is_dir() and any(map(is_image_name, folder.iterdir()))
 
 
 def depth_inside(folder: Path) -> Path | None:
@@ -178,7 +184,7 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     if _with_files(source, COLOUR_FOLDERS, IMAGE_SUFFIXES) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
-    pictures = [path for path in names if _is_image(path)]
+    pictures = [path for path in names if is_image_name(path)]
     if not pictures:
         folder = _with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
         has_arrays = any(path.suffix.lower() == _ARRAY for path in names)
@@ -191,7 +197,8 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     return source if is_same and not (is_mixed or is_lossy) else None
 
 
-def _is_image(path: Path) -> bool:
+def is_image_name(path: Path) -> bool:
+    """Whether a path is named as a picture that is not hidden."""
     return _has_suffix(path, IMAGE_SUFFIXES)
 
 
@@ -203,37 +210,72 @@ def _open_folder(
     folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
 ) -> FrameSource:
     """The images of a folder, in the order of their numbers or names, with their depth images."""
+    files = folder_files(folder, depth, depth_only=depth_only)
+    names = frame_names([path for path, _ in files])
+    named = [(name, *file) for name, file in zip(names, files, strict=True)]
+    is_depth = depth_only and not any(depth for _, depth in files)
+    return _ImageFrames(str(folder), named, is_depth, rig, upright)
+
+
+def folder_files(
+    folder: Path, depth: Path | None = None, *, depth_only: bool = False
+) -> list[tuple[Path, Path | None]]:
+    """The images of a folder, in the order of their numbers or names.
+
+    Args:
+        folder: The folder, or one that holds a folder of colour images.
+        depth: Folder of their depth images. If it is not given, it is found inside such a folder.
+        depth_only: Whether the images are depth images instead of colour images.
+
+    Returns:
+        Each image with its depth image, which may not exist; or with None.
+
+    Raises:
+        InputError: There are no images, or no image has a depth image.
+    """
     root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
     suffixes = DEPTH_SUFFIXES if depth_only and depth is None else IMAGE_SUFFIXES
-    paths = _in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
+    paths = in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
     if not paths:
         heic = _heic(folder)
         found = f", but {len(heic)} HEIC pictures such as {heic[0]}" if heic else ""
         raise InputError(f"folder {folder} has no images{found}: expected {', '.join(suffixes)}")
     _warn_of_heic(folder)
-    depths: list[Path | None] = [None] * len(paths)
-    if depth is not None:
-        if not depth.is_dir():
-            raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
-        depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
-        present = {path.name for path in depth.iterdir()}
-        if depth.resolve() == folder.resolve():
-            paths = [path for path in paths if not is_depth_name(path.stem)] or paths
-            present -= {path.name for path in paths}
-        has_depth = any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
-        has_clouds = (
-            any(name.lower().endswith(CLOUD_SUFFIXES) for name in present) and not has_depth
-        )
-        expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
-        paired = depth_names(paths, present, str(folder), str(depth), expected)
-        if paired.remark is not None:
-            _log.warning("%s", paired.remark)
-        depths = [depth / name for name in paired.names]
-    files = list(zip(frame_names(paths), paths, depths, strict=True))
-    return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+    return with_depth(paths, depth, folder)
+
+
+def with_depth(
+    paths: Sequence[Path], depth: Path | None, folder: Path
+) -> list[tuple[Path, Path | None]]:
+    """Images with their depth images, by names.
+
+    Args:
+        paths: The images.
+        depth: Folder of the depth images, which may be that of the images; None if there are none.
+        folder: Where the images are.
+
+    Raises:
+        InputError: `depth` is no folder, or no image has a depth image in it.
+    """
+    if depth is None:
+        return [(path, None) for path in paths]
+    if not depth.is_dir():
+        raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+    depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
+    present = {path.name for path in depth.iterdir()}
+    if depth.resolve() == folder.resolve():
+        paths = [path for path in paths if not is_depth_name(path.stem)] or paths
+        present -= {path.name for path in paths}
+    has_depth = any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+    has_clouds = any(name.lower().endswith(CLOUD_SUFFIXES) for name in present) and not has_depth
+    expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
+    paired = depth_names(paths, present, str(folder), str(depth), expected)
+    if paired.remark is not None:
+        _log.warning("%s", paired.remark)
+    return [(path, depth / name) for path, name in zip(paths, paired.names, strict=True)]
 
 
 def _heic(folder: Path) -> list[str]:
@@ -250,8 +292,8 @@ def _warn_of_heic(folder: Path) -> None:
         )
 
 
-def _in_order(paths: Iterable[Path]) -> list[Path]:
-    """Sort by name, or by the last number if the names differ in it alone: 2 is before 10."""
+def in_order(paths: Iterable[Path]) -> list[Path]:
+    """Sort paths by name, or by the last number if the names differ in it alone: 2 is before 10."""
     by_name = sorted(paths)
     found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
     numbers = [int(match[2]) for match in found if match is not None]
