@@ -13,6 +13,7 @@ import typer
 
 from basetree.program.console import note
 from basetree.program.options import expand_groups
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
@@ -59,6 +60,7 @@ def live(
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
     outputs: LiveOutputs,
+    csv_options: CsvOptions,
     record_options: LiveRecordOptions,
     session: SessionOptions,
 ) -> None:
@@ -86,6 +88,7 @@ def live(
             **rig_options.files(metres.camera),
         },
     )
+    style = csv_options.style(outputs.csv)
     outputs.origin()  # a wrong value ends the command here
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     tracker = metres.tracker()
@@ -116,7 +119,7 @@ def live(
         guarded = GuardedOutputs(others=recorder is not None or page is not None)
 
         def open_outputs() -> list[_Write]:
-            outputs.open(guarded, to_stdout, source, model_path.name)
+            outputs.open(guarded, to_stdout, source, model_path.name, style)
             writes: list[_Write] = [guarded.write]
             writes += [] if recorder is None else [recorder.write]
             return writes if page is None else [*writes, page.publish]

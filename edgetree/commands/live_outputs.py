@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
+    from edgetree.results.csv_style import CsvStyle
     from edgetree.sinks import MapOrigin, Sink
 
 _JsonLines: TypeAlias = Annotated[
@@ -126,7 +127,14 @@ class LiveOutputs:
             raise InputError("--map-origin given without --map: expected both")
         return _origin(self.map_origin)
 
-    def open(self, outputs: GuardedOutputs, to_stdout: bool, source: str, model: str) -> None:
+    def open(
+        self,
+        outputs: GuardedOutputs,
+        to_stdout: bool,
+        source: str,
+        model: str,
+        style: CsvStyle,
+    ) -> None:
         """Open the outputs.
 
         Args:
@@ -134,6 +142,7 @@ class LiveOutputs:
             to_stdout: Whether JSON lines go to stdout.
             source: Value of SOURCE, for the report.
             model: Name of the model file, likewise.
+            style: How the table is written.
 
         Raises:
             InputError: a file cannot be written, or an address or name cannot be used.
@@ -143,7 +152,7 @@ class LiveOutputs:
 
         makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
             "jsonl": lambda path: sinks.JsonLinesSink(path),
-            "csv": lambda path: sinks.CsvTracksSink(path),
+            "csv": lambda path: sinks.CsvTracksSink(path, style),
             "map": lambda path: sinks.open_map(path, self.origin(), keeps_older=True),
             "report": lambda path: sinks.StemReportSink(path, source, model, keeps_older=True),
             "bag": _bag,

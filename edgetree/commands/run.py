@@ -13,6 +13,7 @@ import typer
 
 from basetree.program.console import note, print_json
 from basetree.program.options import expand_groups
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.report import ReportHead
+    from edgetree.results.csv_style import CsvStyle
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
     from edgetree.sources.several import SourceList
@@ -181,6 +183,7 @@ class _Outputs:
         score_threshold: float,
         reasons: list[str],
         head: ReportHead,
+        style: CsvStyle,
     ) -> None:
         """Open the files but for the JSON lines.
 
@@ -191,6 +194,7 @@ class _Outputs:
             score_threshold: Lowest score of trees.
             reasons: Why frames are left out, for the report.
             head: Title, place and area of the report.
+            style: How CSV tables are written.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
@@ -202,9 +206,9 @@ class _Outputs:
 
         named, words = sources.name, f"the model {model}"
         makers: dict[str, Callable[[Path], FileSink[Any]]] = {
-            "csv": lambda path: sinks.CsvSink(path, TREES),
+            "csv": lambda path: sinks.CsvSink(path, TREES, style),
             "out": lambda path: sinks.PicturesSink(path),
-            "profiles": lambda path: sinks.CsvSink(path, PROFILES),
+            "profiles": lambda path: sinks.CsvSink(path, PROFILES, style),
             "coco": lambda path: sinks.CocoSink(path, model, score_threshold, sources.common),
             "report": lambda path: sinks.ReportSink(path, named, words, reasons, head),
             "map": map_sink,
@@ -234,6 +238,7 @@ def run(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    csv_options: CsvOptions,
     report_options: ReportOptions,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
@@ -269,9 +274,11 @@ def run(
     one = sources.one
     _check(sources, inputs, rig_options, outputs, shards)
     head = report_options.head(outputs.report)
+    style = csv_options.style(outputs.csv, outputs.profiles)
     model = model_for(inputs.model, inputs.seen_depth(sources))
     if shards.are_given:
         assert one is not None
+        csv_options.check_plain()
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
         run_sharded(ShardedFrames(one, *given), shards, vars(outputs), as_json=as_json)
         return
@@ -298,7 +305,9 @@ def run(
                     else JsonLinesSink(lines, record, grows=False)
                 ),
             )
-        outputs.open(guarded, sources, model_path.name, score_threshold, left_out.reasons, head)
+        outputs.open(
+            guarded, sources, model_path.name, score_threshold, left_out.reasons, head, style
+        )
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
