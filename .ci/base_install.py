@@ -28,6 +28,7 @@ ABSENT = (
     "laspy",
     "small_gicp",
     "lzfse",
+    "pillow_heif",
     "ray",
     "fsspec",
     "s3fs",

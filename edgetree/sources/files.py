@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.counts import counted
-from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
+from basetree.errors import InputError, install_hint
+from basetree.files.headers import heif
+from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
@@ -37,7 +38,6 @@ _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
 _ARRAY: Final = ".npy"
-_HEIC: Final = (".heic", ".heif", ".hif")
 # Not the digits after a decimal point, such as those of time stamps.
 _LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
@@ -163,7 +163,7 @@ def has_images(folder: Path) -> bool:
 
 def depth_inside(folder: Path) -> Path | None:
     """The folder of the depth that belongs to the images below a folder; None if there is none."""
-    if not folder.is_dir() or _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES) == folder:
+    if not folder.is_dir() or _with_files(folder, COLOUR_FOLDERS, _image_suffixes()) == folder:
         return None
     depth = _with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
     return None if depth == folder else depth
@@ -181,7 +181,7 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
         return None
     if not source.is_dir():
         return source if is_same or source.suffix.lower() == _ARRAY else None
-    if _with_files(source, COLOUR_FOLDERS, IMAGE_SUFFIXES) != source:
+    if _with_files(source, COLOUR_FOLDERS, _image_suffixes()) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
     pictures = [path for path in names if is_image_name(path)]
@@ -199,7 +199,12 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
 
 def is_image_name(path: Path) -> bool:
     """Whether a path is named as a picture that is not hidden."""
-    return _has_suffix(path, IMAGE_SUFFIXES)
+    return _has_suffix(path, _image_suffixes())
+
+
+def _image_suffixes() -> tuple[str, ...]:
+    """The suffixes of pictures, with HEIC's where the package that reads them is installed."""
+    return (*IMAGE_SUFFIXES, *HEIF_SUFFIXES) if heif.is_readable() else IMAGE_SUFFIXES
 
 
 def _has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
@@ -233,17 +238,19 @@ def folder_files(
     Raises:
         InputError: There are no images, or no image has a depth image.
     """
-    root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
+    root, folder = folder, _with_files(folder, COLOUR_FOLDERS, _image_suffixes())
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
-    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else IMAGE_SUFFIXES
+    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else _image_suffixes()
     paths = in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
+    heic = () if heif.is_readable() else _heic(folder)
+    if not paths and heic:
+        raise InputError(f"folder {folder} has no images but {_heic_words(heic)}")
     if not paths:
-        heic = _heic(folder)
-        found = f", but {len(heic)} HEIC pictures such as {heic[0]}" if heic else ""
-        raise InputError(f"folder {folder} has no images{found}: expected {', '.join(suffixes)}")
-    _warn_of_heic(folder)
+        raise InputError(f"folder {folder} has no images: expected {', '.join(suffixes)}")
+    if heic:
+        _log.warning("left out of folder %s: %s", folder, _heic_words(heic))
     return with_depth(paths, depth, folder)
 
 
@@ -279,17 +286,16 @@ def with_depth(
 
 
 def _heic(folder: Path) -> list[str]:
-    """The names of the HEIC pictures of a folder, which are not read."""
-    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, _HEIC))
+    """The names of the HEIC pictures of a folder."""
+    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, HEIF_SUFFIXES))
 
 
-def _warn_of_heic(folder: Path) -> None:
-    if heic := _heic(folder):
-        _log.warning(
-            "%d HEIC pictures of %s are left out, the first is %s: expected JPEG or PNG, which the"
-            " phone or its photo program exports",
-            *(len(heic), folder, heic[0]),
-        )
+def _heic_words(names: Sequence[str]) -> str:
+    """How many HEIC pictures cannot be read, and what they need."""
+    return (
+        f"{counted(len(names), 'HEIC picture')} such as {names[0]}, which need pillow-heif:"
+        f" {install_hint('heic')}, or export JPEG or PNG"
+    )
 
 
 def in_order(paths: Iterable[Path]) -> list[Path]:
@@ -326,7 +332,7 @@ class _ImageFrames(BaseSource):
         super().__init__(name)
         self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
-        self._upright, self._has_told = upright, False
+        self._upright, self._has_told, self._told_depth = upright, False, False
 
     def __iter__(self) -> Iterator[Frame]:
         wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
@@ -356,6 +362,13 @@ class _ImageFrames(BaseSource):
         if picture.orientation != 1 and not self._has_told:
             self._has_told = True
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
+        if picture.has_depth and not self._told_depth:
+            self._told_depth = True
+            _log.warning(
+                "%s holds a depth image, which is not used as the file does not say its unit:"
+                " record with Record3D or Stray Scanner for metres",
+                path,
+            )
         pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
         return pixels, picture.focal_px
 
