@@ -170,8 +170,8 @@ def decode_picture(
         return None
     check_memory(header, name, *_decoded_kind(header, flags))
     if header.format_name == heif.FORMAT_NAME:
-        pixels = heif.decode(content)
-        return None if pixels is None else _picture(pixels, header)
+        decoded = heif.decode(content)
+        return None if decoded is None else _picture(decoded, header)
     if flags != cv2.IMREAD_UNCHANGED:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
     if header.format_name.startswith("TIFF") and header.orientation != UPRIGHT:

@@ -78,7 +78,8 @@ def calibrate(
     from basetree.files.writing import output_folder
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.sources.several import list_sources, open_pictures
+    from edgetree.sources.several import open_pictures
+    from edgetree.sources.source_list import list_sources
 
     if model not in LENS_MODELS:
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")

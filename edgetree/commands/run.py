@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from edgetree.results.csv_style import CsvStyle
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
-    from edgetree.sources.several import SourceList
     from edgetree.sources.source import FrameSource
+    from edgetree.sources.source_list import SourceList
 
 _Source: TypeAlias = Annotated[
     list[Path],
@@ -267,7 +267,7 @@ def run(
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink, LinesSink
     from edgetree.sources.opening import is_stream
-    from edgetree.sources.several import list_sources
+    from edgetree.sources.source_list import list_sources
     from edgetree.sources.videos import is_picture
 
     sources = list_sources(source, recursive=inputs.recursive)

@@ -108,7 +108,8 @@ def _std_columns(columns: tuple[str, ...]) -> Mapping[str, str]:
     Its name is the figure's with `std` in place of a word, or between two: `diameter_std_m` of
     `diameter_m` and `diameter_low95_m`, `position_std_x_m` of `position_x_m`.
     """
-    known, found = set(columns), {}
+    known = set(columns)
+    found: dict[str, str] = {}
     for name in columns:
         words = name.split("_")
         for at in range(1, len(words)):

@@ -65,7 +65,7 @@ Metres = defstruct(
         ("profile", Profile | UnsetType, UNSET),
         ("profile_failure", str | UnsetType, UNSET),
         *(
-            (f"{point}{what}", kind | UnsetType, UNSET)  # type: ignore[operator]
+            (f"{point}{what}", kind | UnsetType, UNSET)
             for point in ("cut_point", "cut_point_machine")
             for what, kind in (("_m", Triple), ("_std_m", Triple), ("_failure", str))
         ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.counts import counted
-from basetree.errors import InputError, install_hint
-from basetree.files.headers import heif
-from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES, IMAGE_SUFFIXES
+from basetree.errors import InputError
+from basetree.files.names import DEPTH_SUFFIXES
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
@@ -31,6 +30,15 @@ from edgetree.sources.depth_pairing import (
     frame_names,
     is_depth_name,
 )
+from edgetree.sources.picture_names import (
+    has_suffix,
+    heic_words,
+    image_suffixes,
+    in_order,
+    is_image_name,
+    unread_heic,
+    with_files,
+)
 from edgetree.sources.source import BaseSource, FrameSource, readable
 from edgetree.sources.videos import VideoFrames, is_picture
 
@@ -38,8 +46,6 @@ _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
 _ARRAY: Final = ".npy"
-# Not the digits after a decimal point, such as those of time stamps.
-_LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
 
 def open_source(
@@ -163,9 +169,9 @@ def has_images(folder: Path) -> bool:
 
 def depth_inside(folder: Path) -> Path | None:
     """The folder of the depth that belongs to the images below a folder; None if there is none."""
-    if not folder.is_dir() or _with_files(folder, COLOUR_FOLDERS, _image_suffixes()) == folder:
+    if not folder.is_dir() or with_files(folder, COLOUR_FOLDERS, image_suffixes()) == folder:
         return None
-    depth = _with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+    depth = with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
     return None if depth == folder else depth
 
 
@@ -181,12 +187,12 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
         return None
     if not source.is_dir():
         return source if is_same or source.suffix.lower() == _ARRAY else None
-    if _with_files(source, COLOUR_FOLDERS, _image_suffixes()) != source:
+    if with_files(source, COLOUR_FOLDERS, image_suffixes()) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
     pictures = [path for path in names if is_image_name(path)]
     if not pictures:
-        folder = _with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        folder = with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
         has_arrays = any(path.suffix.lower() == _ARRAY for path in names)
         return folder if has_arrays or folder != source else None
     # With pictures and their depth in one folder, names or suffixes tell them apart.
@@ -195,20 +201,6 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     )
     is_lossy = any(path.suffix.lower() not in DEPTH_SUFFIXES for path in pictures)
     return source if is_same and not (is_mixed or is_lossy) else None
-
-
-def is_image_name(path: Path) -> bool:
-    """Whether a path is named as a picture that is not hidden."""
-    return _has_suffix(path, _image_suffixes())
-
-
-def _image_suffixes() -> tuple[str, ...]:
-    """The suffixes of pictures, with HEIC's where the package that reads them is installed."""
-    return (*IMAGE_SUFFIXES, *HEIF_SUFFIXES) if heif.is_readable() else IMAGE_SUFFIXES
-
-
-def _has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
-    return path.suffix.lower() in suffixes and not path.name.startswith(".")
 
 
 def _open_folder(
@@ -238,19 +230,19 @@ def folder_files(
     Raises:
         InputError: There are no images, or no image has a depth image.
     """
-    root, folder = folder, _with_files(folder, COLOUR_FOLDERS, _image_suffixes())
+    root, folder = folder, with_files(folder, COLOUR_FOLDERS, image_suffixes())
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
-    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else _image_suffixes()
-    paths = in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
-    heic = () if heif.is_readable() else _heic(folder)
+    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else image_suffixes()
+    paths = in_order(path for path in folder.iterdir() if has_suffix(path, suffixes))
+    heic = unread_heic(folder)
     if not paths and heic:
-        raise InputError(f"folder {folder} has no images but {_heic_words(heic)}")
+        raise InputError(f"folder {folder} has no images but {heic_words(heic)}")
     if not paths:
         raise InputError(f"folder {folder} has no images: expected {', '.join(suffixes)}")
     if heic:
-        _log.warning("left out of folder %s: %s", folder, _heic_words(heic))
+        _log.warning("left out of folder %s: %s", folder, heic_words(heic))
     return with_depth(paths, depth, folder)
 
 
@@ -271,7 +263,7 @@ def with_depth(
         return [(path, None) for path in paths]
     if not depth.is_dir():
         raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
-    depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
+    depth = with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
     present = {path.name for path in depth.iterdir()}
     if depth.resolve() == folder.resolve():
         paths = [path for path in paths if not is_depth_name(path.stem)] or paths
@@ -283,39 +275,6 @@ def with_depth(
     if paired.remark is not None:
         _log.warning("%s", paired.remark)
     return [(path, depth / name) for path, name in zip(paths, paired.names, strict=True)]
-
-
-def _heic(folder: Path) -> list[str]:
-    """The names of the HEIC pictures of a folder."""
-    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, HEIF_SUFFIXES))
-
-
-def _heic_words(names: Sequence[str]) -> str:
-    """How many HEIC pictures cannot be read, and what they need."""
-    return (
-        f"{counted(len(names), 'HEIC picture')} such as {names[0]}, which need pillow-heif:"
-        f" {install_hint('heic')}, or export JPEG or PNG"
-    )
-
-
-def in_order(paths: Iterable[Path]) -> list[Path]:
-    """Sort paths by name, or by the last number if the names differ in it alone: 2 is before 10."""
-    by_name = sorted(paths)
-    found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
-    numbers = [int(match[2]) for match in found if match is not None]
-    others = {(match[1], match[3]) for match in found if match is not None}
-    if len(numbers) < len(by_name) or len(others) != 1:
-        return by_name
-    return [path for _, path in sorted(zip(numbers, by_name, strict=True))]
-
-
-def _with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:
-    """The folder, or the only one of these names in it if it has no such files itself."""
-    inside = sorted(folder.iterdir())
-    if any(path.suffix.lower() in suffixes and path.is_file() for path in inside):
-        return folder
-    found = [path for path in inside if path.is_dir() and path.name.lower() in names]
-    return found[0] if len(found) == 1 else folder
 
 
 class _ImageFrames(BaseSource):

@@ -14,8 +14,9 @@ from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
 from edgetree.sources import open_source
-from edgetree.sources.several import SourceList, list_sources, open_several
+from edgetree.sources.several import open_several
 from edgetree.sources.source import FrameSource, readable
+from edgetree.sources.source_list import SourceList, list_sources
 
 
 def write(path: Path) -> Path:
