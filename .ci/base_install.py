@@ -31,6 +31,7 @@ ABSENT = (
     "zmq",
     "paho",
     "prometheus_client",
+    "pillow_heif",
     "ray",
     "fsspec",
     "s3fs",

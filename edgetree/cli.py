@@ -26,6 +26,7 @@ from edgetree.commands.merge import merge
 from edgetree.commands.models import models
 from edgetree.commands.run import run
 from edgetree.commands.samples import samples
+from edgetree.commands.schema import schema
 from edgetree.commands.sign import sign
 from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
@@ -48,6 +49,7 @@ app.command()(compare)
 app.command()(export)
 app.command()(verify)
 app.add_typer(conformance)
+app.command()(schema)
 app.command()(sign)
 app.command()(trust)
 app.command()(doctor)

@@ -12,6 +12,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Final
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+HEIF_SUFFIXES: Final = (".heic", ".heif", ".hif")
 DEPTH_SUFFIXES: Final = (".png", ".tif", ".tiff", ".npy")
 VIDEO_SUFFIXES: Final = (
     *(".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv"),

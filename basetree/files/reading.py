@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
+from basetree.files.headers import heif
 from basetree.files.headers.exif import UPRIGHT, orientation_words, turned_upright
 from basetree.files.headers.formats import has_known_signature, picture_header
 from basetree.files.headers.header import NotOffered, PictureHeader
@@ -109,12 +110,14 @@ class Picture:
         orientation: EXIF orientation, 1 to 8, as the file states it; 1 if it states none.
         format_name: Such as "JPEG", as the content says it.
         focal_px: Focal length in px that EXIF metadata state; None if they state none.
+        has_depth: Whether the file holds a depth image too, which is not read.
     """
 
     pixels: NDArray[Any]
     orientation: int = 1
     format_name: str = ""
     focal_px: float | None = None
+    has_depth: bool = False
 
     def upright(self) -> NDArray[Any]:
         """The pixels turned as the orientation says, as viewers of pictures show them."""
@@ -166,6 +169,9 @@ def decode_picture(
     if header is None:
         return None
     check_memory(header, name, *_decoded_kind(header, flags))
+    if header.format_name == heif.FORMAT_NAME:
+        decoded = heif.decode(content)
+        return None if decoded is None else _picture(decoded, header)
     if flags != cv2.IMREAD_UNCHANGED:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
     if header.format_name.startswith("TIFF") and header.orientation != UPRIGHT:
@@ -178,7 +184,9 @@ def decode_picture(
 
 
 def _picture(pixels: NDArray[Any], header: PictureHeader) -> Picture:
-    return Picture(pixels, header.orientation, header.format_name, header.focal_px)
+    return Picture(
+        pixels, header.orientation, header.format_name, header.focal_px, header.has_depth
+    )
 
 
 def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +16,7 @@ from edgetree.check.plot import draw_check
 from edgetree.check.records import fit_record
 from edgetree.check.stems import CHECKED
 from edgetree.measure import Failure
-from edgetree.results.csv_table import cell
+from edgetree.results.csv_style import PLAIN, CsvStyle
 from edgetree.results.pictures import encode_picture
 
 TABLE_FILE: Final = "matched.csv"
@@ -32,8 +31,13 @@ def check_files(folder: Path) -> list[Path]:
     ]
 
 
-def write_files(folder: Path, result: CheckResult) -> list[Path]:
+def write_files(folder: Path, result: CheckResult, style: CsvStyle = PLAIN) -> list[Path]:
     """Write the matched stems, a plot for each compared quantity, and the fitted settings.
+
+    Args:
+        folder: Where to.
+        result: The check.
+        style: How the table of matched stems is written.
 
     All files are written, or none. `settings.json` is written in every case; it has no settings if
     none were fitted.
@@ -47,9 +51,8 @@ def write_files(folder: Path, result: CheckResult) -> list[Path]:
     settings = folder / SETTINGS_FILE
     with ExitStack() as stack:
         table = stack.enter_context(text_file(folder / TABLE_FILE))
-        writer = csv.DictWriter(table, _COLUMNS)
-        writer.writeheader()
-        writer.writerows(_row(pair) for pair in result.matching.pairs)
+        style.write_header(table, _COLUMNS)
+        style.write_rows(table, _COLUMNS, (), map(_row, result.matching.pairs))
         stack.enter_context(text_file(settings)).write(_settings_text(result.fit))
         plots = [folder / _plot_name(quantity) for quantity in result.quantities]
         for path, check in zip(plots, result.quantities.values(), strict=True):
@@ -92,7 +95,7 @@ def _row(pair: Pair) -> dict[str, object]:
                 each = Comparison(pair, measured, caliper)
                 cells[3:5] = each.error.value, int(each.covered)
         row |= zip(_columns_of(quantity), cells, strict=True)
-    return {name: cell(value) for name, value in row.items()}
+    return row
 
 
 def _settings_text(fit: ErrorFit | Failure) -> str:

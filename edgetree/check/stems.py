@@ -171,7 +171,7 @@ def read_caliper(path: Path) -> CaliperTable:
         InputError: The file cannot be read, a column is missing, or a value is not plausible.
     """
     file = read_csv(path)
-    if "diameter_low95_m" in file.columns:
+    if "diameter_failure" in file.columns:
         raise InputError(f"{path} is a machine's table: expected the readings of a caliper")
     columns = {quantity: _reading_column(file, quantity) for quantity in CHECKED}
     stds = {quantity: _reading_column(file, _std(quantity)) for quantity in CHECKED}

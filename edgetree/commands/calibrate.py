@@ -29,8 +29,12 @@ if TYPE_CHECKING:
     from edgetree.sources.source import FrameSource
 
 _Source: TypeAlias = Annotated[
-    Path,
-    typer.Argument(metavar="SOURCE", help="A folder with pictures of the board, or a video."),
+    list[Path],
+    typer.Argument(
+        metavar="SOURCE...",
+        help="A folder with pictures of the board, a video, pictures, or patterns such as"
+        " 'board/*.png'.",
+    ),
 ]
 _Board: TypeAlias = Annotated[
     str,
@@ -74,7 +78,8 @@ def calibrate(
     from basetree.files.writing import output_folder
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.sources import open_source
+    from edgetree.sources.several import open_pictures
+    from edgetree.sources.source_list import list_sources
 
     if model not in LENS_MODELS:
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")
@@ -82,14 +87,15 @@ def calibrate(
         raise InputError(f"{out} is a folder: expected the name of a file to write")
     if out.suffix.lower() != ".json":
         raise InputError(f"--out is {out}: expected a file name ending in .json")
-    printed_board, frames = parse_board(board), open_source(source, upright=False)
-    depth_frames = None if depth is None else open_source(source, depth)
-    left_out = LeftOut(strict=not source.is_dir())
+    printed_board, sources = parse_board(board), list_sources(source)
+    frames = open_pictures(sources, upright=False)
+    depth_frames = None if depth is None else open_pictures(sources, depth)
+    left_out = LeftOut(strict=sources.one is not None and not sources.one.is_dir())
     with output_folder(out.parent):
         outcome = _solve(frames, depth_frames, printed_board, model, left_out)
         written = outcome.write(out)
         if as_json:
-            options = {"source": str(source), "board": board, "model": model}
+            options = {"source": str(sources.one or sources.name), "board": board, "model": model}
             record = {**options, **outcome.record(), **written}
             record |= {"left_out": left_out.reasons} if left_out.reasons else {}
             print_json({"schema": "edgetree.calibrate/1", **record})

@@ -10,6 +10,8 @@ from typing import Annotated, TypeAlias
 import typer
 
 from basetree.program.console import note, print_found
+from basetree.program.options import expand_groups
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.options import Json, quoted
 
 _Measured: TypeAlias = Annotated[
@@ -38,11 +40,14 @@ _MaxDistance: TypeAlias = Annotated[
 ]
 
 
+@expand_groups
 def check(
     measured: _Measured,
     caliper: _Caliper,
     out: _Out = None,
     max_distance: _MaxDistance = 0.5,
+    *,
+    csv_options: CsvOptions,
     as_json: Json = False,
 ) -> None:
     """Compare measured stems with a caliper's: an acceptance test for a machine.
@@ -61,6 +66,7 @@ def check(
 
     if not (math.isfinite(max_distance) and max_distance > 0):
         raise InputError(f"--max-distance is {max_distance}: expected metres above 0")
+    style = csv_options.style(out)
     files = [] if out is None else check_files(out)
     check_paths(
         {f"{path.name} of --out": path for path in files},
@@ -69,7 +75,7 @@ def check(
     result = compare(read_measured(measured), read_caliper(caliper), max_distance_m=max_distance)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(output_folder(out))
-        written = [] if folder is None else write_files(folder, result)
+        written = [] if folder is None else write_files(folder, result, style)
     record = {
         "schema": "edgetree.check/1",
         "measured": str(measured),

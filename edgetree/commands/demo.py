@@ -100,7 +100,9 @@ def _summary(result: DemoResult) -> Iterator[str]:
     """One line per model."""
     for model in result.models:
         error_m = model.summary("diameter_m").median_abs_error_m
-        metres = "no diameter" if error_m is None else f"diameters within {error_m * 100:.1f} cm"
+        metres = "no diameter"
+        if error_m is not None:
+            metres = f"diameters from the depth images within {error_m * 100:.1f} cm"
         yield (
             f"{model.manifest.modality:5}  {model.found_trees} of"
             f" {counted(model.true_trees, 'tree')} found,"

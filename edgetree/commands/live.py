@@ -14,6 +14,7 @@ import typer
 from basetree.program.console import note
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import naming_lines, take_setup
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
@@ -85,6 +86,7 @@ def live(
     page_options: LivePageOptions,
     outputs: LiveOutputs,
     mqtt: MqttSettings,
+    csv_options: CsvOptions,
     record_options: LiveRecordOptions,
     session: SessionOptions,
 ) -> None:
@@ -106,6 +108,7 @@ def live(
     model, rig, settings = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
+    style = csv_options.style(outputs.csv)
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
@@ -153,7 +156,7 @@ def live(
         def open_outputs() -> list[_Write]:
             nonlocal is_open
             outputs.open_files(
-                guarded, source, model_path.name, to_stdout=to_stdout, states=is_live
+                guarded, source, model_path.name, style, to_stdout=to_stdout, states=is_live
             )
             is_open = True
             writes: list[_Write] = [guarded.write]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
+    from edgetree.results.csv_style import CsvStyle
     from edgetree.sinks import MapOrigin, MqttSettings, Sink
 
 _JsonLines: TypeAlias = Annotated[
@@ -194,7 +195,14 @@ class LiveOutputs:
             outputs.open(f"--mqtt {self.mqtt}", partial(sinks.MqttSink, self.mqtt, mqtt))
 
     def open_files(
-        self, outputs: GuardedOutputs, source: str, model: str, *, to_stdout: bool, states: bool
+        self,
+        outputs: GuardedOutputs,
+        source: str,
+        model: str,
+        style: CsvStyle,
+        *,
+        to_stdout: bool,
+        states: bool,
     ) -> None:
         """Open the files.
 
@@ -202,6 +210,7 @@ class LiveOutputs:
             outputs: Takes them.
             source: Value of SOURCE, for the report.
             model: Name of the model file, likewise.
+            style: How the table is written.
             to_stdout: Whether JSON lines go to stdout.
             states: Whether states are lines among the JSON lines.
 
@@ -213,7 +222,7 @@ class LiveOutputs:
 
         makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
             "jsonl": lambda path: sinks.JsonLinesSink(path, states=states),
-            "csv": lambda path: sinks.CsvTracksSink(path),
+            "csv": lambda path: sinks.CsvTracksSink(path, style),
             "map": lambda path: sinks.open_map(path, self.origin(), keeps_older=True),
             "report": lambda path: sinks.StemReportSink(path, source, model, keeps_older=True),
             "bag": _bag,

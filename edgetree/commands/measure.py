@@ -13,6 +13,7 @@ import typer
 
 from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
     from edgetree.report import ReportHead
+    from edgetree.results.csv_style import CsvStyle
     from edgetree.runtime.detector import TreeDetector
 
 _Image: TypeAlias = Annotated[
@@ -176,7 +178,14 @@ class _Outputs:
     profiles: Profiles = None
     report: Report = None
 
-    def write(self, result: FrameResult, source: str, trees_from: str, head: ReportHead) -> None:
+    def write(
+        self,
+        result: FrameResult,
+        source: str,
+        trees_from: str,
+        head: ReportHead,
+        style: CsvStyle,
+    ) -> None:
         """Write the picture, the tables and the report; if one fails, none is written."""
         from basetree.files.writing import replacing
         from edgetree.results.csv_table import PROFILES, TREES
@@ -185,9 +194,9 @@ class _Outputs:
 
         with ExitStack() as stack:
             if self.csv is not None:
-                stack.enter_context(CsvSink(self.csv, TREES)).write(result)
+                stack.enter_context(CsvSink(self.csv, TREES, style)).write(result)
             if self.profiles is not None:
-                stack.enter_context(CsvSink(self.profiles, PROFILES)).write(result)
+                stack.enter_context(CsvSink(self.profiles, PROFILES, style)).write(result)
             if self.report is not None:
                 report = ReportSink(self.report, source, trees_from, head=head)
                 stack.enter_context(report).write(result)
@@ -204,6 +213,7 @@ def measure(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    csv_options: CsvOptions,
     report_options: ReportOptions,
     session: SessionOptions,
     shards: ShardOptions,
@@ -238,8 +248,10 @@ def measure(
         },
     )
     head = report_options.head(outputs.report)
+    style = csv_options.style(outputs.csv, outputs.profiles)
     model = inputs.model or model_for(image, depth, inputs.right, inputs.cloud)
     if shards.are_given:
+        csv_options.check_plain()
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
         return
@@ -259,7 +271,7 @@ def measure(
         )
         trees_from = {"model": model_record(*opened)}
         trees_from_words = f"the model {opened[1].name}"
-    outputs.write(result, str(image), trees_from_words, head)
+    outputs.write(result, str(image), trees_from_words, head, style)
     if as_json:
         print_json(_record(result, image, inputs, outputs, trees_from))
     else:

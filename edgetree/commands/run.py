@@ -13,6 +13,7 @@ import typer
 
 from basetree.program.console import note, print_json
 from basetree.program.options import expand_groups
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
@@ -43,17 +44,19 @@ if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.report import ReportHead
+    from edgetree.results.csv_style import CsvStyle
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
     from edgetree.sources.source import FrameSource
+    from edgetree.sources.source_list import SourceList
 
 _Source: TypeAlias = Annotated[
-    Path,
+    list[Path],
     typer.Argument(
-        metavar="SOURCE",
+        metavar="SOURCE...",
         help="An image, a folder of images, a video, a point cloud (seen by virtual cameras all"
         " around), a ROS bag or MCAP file, a capture of a phone (.r3d, or the folder of Stray"
-        " Scanner), or a simulated drive;"
+        " Scanner), or a simulated drive; or several of them, or patterns such as 'plot*/*.jpg';"
         " with --shards a folder or URL of images or of recordings.",
     ),
 ]
@@ -75,6 +78,10 @@ _JsonLines: TypeAlias = Annotated[
 _Coco: TypeAlias = Annotated[
     Path | None,
     typer.Option(help="File for COCO labels, to correct in a labelling tool; not for videos."),
+]
+_Recursive: TypeAlias = Annotated[
+    bool,
+    typer.Option("--recursive", help="Take the pictures of the folders below each folder too."),
 ]
 _StrictFrames: TypeAlias = Annotated[
     bool,
@@ -114,25 +121,42 @@ class _Inputs:
     camera: Camera = None
     topic: Topic = None
     scene: Scene = None
+    recursive: _Recursive = False
     strict_frames: _StrictFrames = False
 
     def open(
-        self, source: Path, rig: Rig, pair: StereoPair | None, detector: TreeDetector
+        self, sources: SourceList, rig: Rig, pair: StereoPair | None, detector: TreeDetector
     ) -> FrameSource:
         """Open the frames."""
         from edgetree.sources.opening import open_frames
+        from edgetree.sources.several import open_several
         from edgetree.sources.stereo import open_stereo
 
-        if pair is not None and self.right is not None:
+        source = sources.one
+        if source is not None and pair is not None and self.right is not None:
             return open_stereo(source, self.right, pair, rig=rig)
-        return open_frames(
-            source,
-            self.depth or self.cloud,
-            rig=rig,
-            detector=detector,
-            topics=topics_by_role(self.topic),
-            scene=self.scene,
-        )
+
+        def opened(path: Path) -> FrameSource:
+            return open_frames(
+                path,
+                self.depth or self.cloud,
+                rig=rig,
+                detector=detector,
+                topics=topics_by_role(self.topic),
+                scene=self.scene,
+            )
+
+        if source is not None:
+            return opened(source)
+        takes_depth = detector.manifest.takes_depth
+        depth = self.depth or self.cloud
+        return open_several(sources, depth, rig=rig, open_one=opened, takes_depth=takes_depth)
+
+    def sees_depth(self, sources: SourceList) -> bool:
+        """Whether depth is given or comes with the sources, so that a model for depth suits."""
+        if any(given is not None for given in (self.depth, self.right, self.cloud)):
+            return True
+        return sources.has_depth(topics_by_role(self.topic))
 
     def words(self) -> str:
         """The options about streams as they would be typed on the command line."""
@@ -140,7 +164,8 @@ class _Inputs:
         given += [] if self.right is None else [("right", str(self.right))]
         given += [] if self.cloud is None else [("cloud", str(self.cloud))]
         given += [] if self.scene is None else [("scene", str(self.scene))]
-        return "".join(f" --{name} {quoted(value)}" for name, value in given)
+        words = "".join(f" --{name} {quoted(value)}" for name, value in given)
+        return words + " --recursive" * self.recursive
 
 
 @dataclass(frozen=True)
@@ -158,27 +183,28 @@ class _Outputs:
     def open(
         self,
         outputs: GuardedOutputs,
-        source: Path,
+        sources: SourceList,
         model: str,
         score_threshold: float,
         reasons: list[str],
         head: ReportHead,
+        style: CsvStyle,
         rate_hz: float | None,
     ) -> None:
         """Open the files but for the JSON lines.
 
         Args:
             outputs: Takes them.
-            source: Value of SOURCE, for the report.
+            sources: Values of SOURCE, for the report and for names of pictures in labels.
             model: Name of the model file.
             score_threshold: Lowest score of trees.
             reasons: Why frames are left out, for the report.
             head: Title, place and area of the report.
+            style: How CSV tables are written.
             rate_hz: Frames per second of a video to draw; None for those of the time stamps.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
-        from edgetree.sources.files import as_typed
         from edgetree.sources.videos import is_video_name
 
         def map_sink(path: Path) -> FileSink[Any]:
@@ -186,14 +212,14 @@ class _Outputs:
 
             return PosedMapSink(path)
 
-        named, words = as_typed(source), f"the model {model}"
+        named, words = sources.name, f"the model {model}"
         makers: dict[str, Callable[[Path], FileSink[Any]]] = {
-            "csv": lambda path: sinks.CsvSink(path, TREES),
+            "csv": lambda path: sinks.CsvSink(path, TREES, style),
             "out": lambda path: (
                 sinks.VideoSink(path, rate_hz) if is_video_name(path) else sinks.PicturesSink(path)
             ),
-            "profiles": lambda path: sinks.CsvSink(path, PROFILES),
-            "coco": lambda path: sinks.CocoSink(path, model, score_threshold),
+            "profiles": lambda path: sinks.CsvSink(path, PROFILES, style),
+            "coco": lambda path: sinks.CocoSink(path, model, score_threshold, sources.common),
             "report": lambda path: sinks.ReportSink(path, named, words, reasons, head),
             "map": map_sink,
         }
@@ -202,9 +228,9 @@ class _Outputs:
             if path is not None:
                 outputs.open(f"--{name} {path}", partial(make, path))
 
-    def further(self, source: Path) -> str | None:
+    def further(self, source: Path | None) -> str | None:
         """An output that was not asked for, as typed on the command line; None if none is left."""
-        stem = quoted(f"{source.stem}_trees" if source.stem else "trees")
+        stem = quoted(f"{source.stem}_trees" if source is not None and source.stem else "trees")
         if self.out is None:
             return f"--out {stem}"
         return f"--report {stem}.html" if self.report is None else None
@@ -222,6 +248,7 @@ def run(
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    csv_options: CsvOptions,
     report_options: ReportOptions,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
@@ -234,6 +261,7 @@ def run(
     boxes, masks (COCO RLE) and keypoints in pixels, and with depth and a camera the measurements of
     each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the results so far.
     """
+    from edgetree.catalogue import suited_model
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
@@ -252,23 +280,28 @@ def run(
     from edgetree.results.frame_line import frame_line
     from edgetree.results.json_records import frame_record
     from edgetree.sinks import JsonLinesSink, LinesSink
-    from edgetree.sources import model_for
     from edgetree.sources.opening import is_stream
+    from edgetree.sources.source_list import list_sources
     from edgetree.sources.videos import VideoFrames, is_picture, is_video
 
-    _check(source, inputs, rig_options, outputs, shards)
+    sources = list_sources(source, recursive=inputs.recursive)
+    one = sources.one
+    _check(sources, inputs, rig_options, outputs, shards)
     head = report_options.head(outputs.report)
-    depth = (inputs.depth, inputs.right, inputs.cloud)
-    model = inputs.model or model_for(source, *depth, topics=topics_by_role(inputs.topic))
+    style = csv_options.style(outputs.csv, outputs.profiles)
+    model = inputs.model or suited_model(inputs.sees_depth(sources))
     if shards.are_given:
+        assert one is not None
+        csv_options.check_plain()
         given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
-        run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
+        run_sharded(ShardedFrames(one, *given), shards, vars(outputs), as_json=as_json)
         return
     detector, model_path = session.open_model(model, score_threshold)
     rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right)
     settings = rig_options.settings()
-    are_files = source.is_dir() and not is_stream(source)
-    stems = PictureTracker() if is_stream(source) or is_video(source) else None
+    are_files = one is None or (one.is_dir() and not is_stream(one))
+    is_followed = one is not None and (is_stream(one) or is_video(one))
+    stems = PictureTracker() if is_followed else None
     totals = Totals(rig, stems=stems)
     left_out = LeftOut(inputs.strict_frames or not are_files)
     other = OtherModel(detector, session)
@@ -278,7 +311,7 @@ def run(
     on_terminal = lines == sys.stdout and sys.stdout.isatty()
     guarded = GuardedOutputs(others=as_json)
     with warnings_shown(), guarded:
-        frames = inputs.open(source, rig, pair, detector)
+        frames = inputs.open(sources, rig, pair, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
         if lines is not None:
             name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
@@ -291,8 +324,8 @@ def run(
                 ),
             )
         rate_hz = frames.rate_hz if isinstance(frames, VideoFrames) else None
-        about = (model_path.name, score_threshold, left_out.reasons, head, rate_hz)
-        outputs.open(guarded, source, *about)
+        about = (model_path.name, score_threshold, left_out.reasons, head, style, rate_hz)
+        outputs.open(guarded, sources, *about)
         if as_json:
             writes.append(lambda result: records.append(record(result)))
 
@@ -312,7 +345,8 @@ def run(
         print_json(
             {
                 "schema": "edgetree.run/1",
-                "source": str(source),
+                "source": str(one or sources.name),
+                **({} if one is not None else {"sources": [str(path) for path in sources.paths]}),
                 "model": model_record(detector, model_path),
                 "score_threshold": detector.score_threshold,
                 "frames": records,
@@ -335,13 +369,14 @@ def run(
         raise KeyboardInterrupt
     guarded.check()
     left_out.check_none(totals.frames)
-    check_complete(str(source), frames.counts)
+    check_complete(str(one or sources.name), frames.counts)
     options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
     takes_depth = inputs.depth is not None and detector.manifest.takes_depth
-    images = inputs.depth if takes_depth else source
-    if (further := outputs.further(source)) is not None:
-        note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} {further}")
-    elif are_files or is_picture(source):
+    images = inputs.depth if takes_depth else one
+    typed = " ".join(map(quoted, sources.typed))
+    if (further := outputs.further(one)) is not None:
+        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}")
+    elif one is not None and (are_files or is_picture(one)):
         note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
 
 
@@ -366,7 +401,7 @@ def _write_all(
 
 
 def _check(
-    source: Path,
+    sources: SourceList,
     inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
@@ -382,7 +417,7 @@ def _check(
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
         {
-            "source": source,
+            **sources.by_name(),
             "--depth": inputs.depth,
             "--right": inputs.right,
             "--cloud": inputs.cloud,
@@ -393,21 +428,47 @@ def _check(
     check_report(outputs.report)
     without_depth = rig_options.references() is not None
     check_distances(inputs.depth, inputs.right, inputs.cloud, without_depth=without_depth)
-    if not is_stream(source):
-        check_extrinsic(rig_options.extrinsic, source if source.is_file() else None, inputs.cloud)
+    for source in sources.paths:
+        if not is_stream(source):
+            check_extrinsic(
+                rig_options.extrinsic, source if source.is_file() else None, inputs.cloud
+            )
+        if outputs.coco and is_video(source):
+            raise InputError(f"source {source} is a video: expected images, as --coco is given")
+        if outputs.coco and is_stream(source) and not is_drive(source):
+            raise InputError(f"source {source} is a recording: expected images, as --coco is given")
+        if outputs.map and not (shards.are_given or is_stream(source)):
+            raise InputError(
+                f"source {source} has no poses: expected a recording or a drive with poses, as"
+                " --map is given; `edgetree live` follows stems without them"
+            )
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
-    if outputs.out and is_video_name(outputs.out) and not (is_video(source) or is_stream(source)):
+    one = sources.one
+    is_in_order = one is not None and (is_video(one) or is_stream(one))
+    if outputs.out and is_video_name(outputs.out) and not is_in_order:
         raise InputError(
-            f"--out is {outputs.out} and source {source} has pictures in no order: expected a"
+            f"--out is {outputs.out} and source {sources.name} has pictures in no order: expected a"
             " folder, or a video or recording to draw a video of"
         )
-    if outputs.coco and is_video(source):
-        raise InputError(f"source {source} is a video: expected images, as --coco is given")
-    if outputs.coco and is_stream(source) and not is_drive(source):
-        raise InputError(f"source {source} is a recording: expected images, as --coco is given")
-    if outputs.map and not (shards.are_given or is_stream(source)):
-        raise InputError(
-            f"source {source} has no poses: expected a recording or a drive with poses, as --map is"
-            " given; `edgetree live` follows stems without them"
-        )
+    if one is None:
+        _check_several(sources, inputs, outputs, shards)
+
+
+def _check_several(
+    sources: SourceList, inputs: _Inputs, outputs: _Outputs, shards: ShardOptions
+) -> None:
+    """Raise InputError if an option is given that is for one source."""
+    from basetree.errors import InputError
+
+    given = {
+        "--right": inputs.right is not None,
+        "--map": outputs.map is not None,
+        "--scene": inputs.scene is not None,
+        "--shards": shards.are_given,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise InputError(
+                f"{option} given with {len(sources.paths)} sources: expected one source"
+            )

@@ -46,7 +46,10 @@ def _header(model: ModelResult) -> str:
     who = model.label
     entries = [
         (f"{model.found_trees} of {model.true_trees}", f"labelled trees found by the {who}"),
-        (error_text(model, "diameter_m"), "median error of the stem diameter"),
+        (
+            error_text(model, "diameter_m"),
+            "median error of the stem diameter, from the depth images",
+        ),
         (error_text(model, "cut_height_m"), "median error of the felling cut's height"),
         (
             str(model.unmatched_detections),

@@ -38,7 +38,7 @@ def read_colour(path: Path) -> Picture:
         InputFileError: It has more pixels than `limits.Limits.image_pixels`, or is of a format
             that is not read.
     """
-    expected = "expected a complete 8-bit JPEG or PNG image, or TIFF, BMP, WebP, GIF or PNM"
+    expected = "expected a complete 8-bit JPEG or PNG image, or TIFF, BMP, WebP, HEIC, GIF or PNM"
     picture = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
     if picture.pixels.dtype != np.uint8:
         raise InputError(

@@ -5,7 +5,6 @@ Units are in the names of the columns.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Generic, TextIO, TypeVar
@@ -20,13 +19,11 @@ from edgetree.measure import (
     TreeMeasurement,
 )
 from edgetree.measure.estimates import interval_keys
-from edgetree.results.csv_cells import text_cell
+from edgetree.results.csv_style import PLAIN, CsvStyle
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
 
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
-
-_DIGITS: Final = 5
 
 _Result = TypeVar("_Result", bound=FrameResult)
 
@@ -38,34 +35,21 @@ class Table(Generic[_Result]):
     Attributes:
         columns: Names of the columns.
         rows: Makes the rows of a result, values by column. Cells without a value are empty.
+        short: The columns of the table for people; all if empty.
     """
 
     columns: tuple[str, ...]
     rows: Callable[[_Result], Iterable[Mapping[str, object]]]
+    short: tuple[str, ...] = ()
 
-    def write_header(self, stream: TextIO) -> None:
+    def write_header(self, stream: TextIO, style: CsvStyle = PLAIN) -> None:
         """Write the column names. The stream must have been opened with `newline=""`."""
-        csv.writer(stream).writerow(self.columns)
+        style.write_header(stream, self.columns, self.short)
 
-    def write_rows(self, stream: TextIO, result: _Result) -> None:
+    def write_rows(self, stream: TextIO, result: _Result, style: CsvStyle = PLAIN) -> None:
         """Write the rows of a result."""
-        writer = csv.DictWriter(stream, self.columns)
-        for row in self.rows(result):
-            writer.writerow({name: cell(value) for name, value in row.items()})
+        style.write_rows(stream, self.columns, self.short, self.rows(result))
         stream.flush()
-
-
-def cell(value: object) -> object:
-    """A value for a cell.
-
-    Numbers are rounded to five digits. Text is put on one line, and escaped where a spreadsheet
-    would take it for a formula, see `text_cell`.
-    """
-    if isinstance(value, float):
-        return round(value, _DIGITS)
-    if isinstance(value, Iterable) and not isinstance(value, str):
-        value = "; ".join(map(str, value))
-    return text_cell(value) if isinstance(value, str) else value
 
 
 def measurements_of(result: FrameResult) -> list[TreeMeasurement]:
@@ -102,6 +86,14 @@ _EVIDENCE: Final = (
     "visible_share",
     "ground",
     "warnings",
+)
+_SHORT_QUANTITIES: Final = (
+    "diameter_m",
+    "dbh_m",
+    "cut_height_m",
+    "distance_m",
+    "inclination_deg",
+    "volume_m3",
 )
 _PROFILE: Final = (
     "profile_heights_from",
@@ -163,6 +155,17 @@ TREES: Final = Table(
         *_EVIDENCE,
     ),
     _tree_rows,
+    (
+        "frame",
+        "tree",
+        *(column for quantity in _SHORT_QUANTITIES for column in interval_keys(quantity)[:2]),
+        "species",
+        "diameter_failure",
+        "dbh_failure",
+        "cut_height_failure",
+        "warnings",
+        *(column for name in _CUT_POINTS.values() for column in _coordinates(name)),
+    ),
 )
 """A row for each tree; where a value is missing, `<quantity>_failure` gives the reason."""
 
@@ -218,5 +221,17 @@ TRACKS: Final = Table(
         "warnings",
     ),
     _track_rows,
+    (
+        "frame",
+        "time_s",
+        "track",
+        "state",
+        *_coordinates("position"),
+        *(column for name in TRACK_QUANTITIES for column in interval_keys(name)[:2]),
+        "diameter_failure",
+        "dbh_failure",
+        "frames",
+        "warnings",
+    ),
 )
 """A row for each frame and stem that is followed, seen in the frame or not."""

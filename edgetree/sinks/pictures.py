@@ -50,13 +50,17 @@ class CocoSink(FileSink[FrameResult]):
         path: The file to write.
         model: Name of the model file, for the description in the labels.
         score_threshold: The detector's threshold, likewise.
+        root: Folder that the names of the images are relative to; None for names alone.
 
     Raises:
         InputError: The file cannot be written.
     """
 
-    def __init__(self, path: Path, model: str, score_threshold: float) -> None:
+    def __init__(
+        self, path: Path, model: str, score_threshold: float, root: Path | None = None
+    ) -> None:
         super().__init__()
+        self._root = root
         found = f"trees that {model} finds with a score of at least {score_threshold:g}"
         self._labels = CocoLabels("tree", KEYPOINT_NAMES, _SKELETON, f"{found}, to be corrected")
         self._files.enter_context(self._written(path))
@@ -71,6 +75,8 @@ class CocoSink(FileSink[FrameResult]):
         """Add a frame and its trees."""
         trees, frame = result.trees, result.frame
         name = frame.name if frame.path is None else frame.path.name
+        if frame.path is not None and self._root is not None:
+            name = frame.path.absolute().relative_to(self._root).as_posix()
         self._labels.add_image(name, trees.image_width, trees.image_height)
         for index, score in enumerate(trees.scores):
             points_px = None if trees.keypoints_px is None else trees.keypoints_px[index]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from basetree.errors import one_line
+from edgetree.results.csv_style import PLAIN, CsvStyle
 from edgetree.results.csv_table import TRACKS, Table
 from edgetree.results.json_records import live_record, write_json_line
 from edgetree.results.service_state import ServiceState
@@ -81,6 +82,7 @@ class CsvSink(FileSink[Any]):
     Args:
         path: The file to write.
         table: The table, such as `TREES`.
+        style: How it is written.
         grows: Whether the file has every row at once, and an older one is kept beside it;
             otherwise it appears whole.
 
@@ -88,17 +90,19 @@ class CsvSink(FileSink[Any]):
         InputError: The file cannot be written.
     """
 
-    def __init__(self, path: Path, table: Table[Any], *, grows: bool = False) -> None:
+    def __init__(
+        self, path: Path, table: Table[Any], style: CsvStyle = PLAIN, *, grows: bool = False
+    ) -> None:
         super().__init__()
-        self._stream, self._table = self._text(path, grows=grows), table
+        self._stream, self._table, self._style = self._text(path, grows=grows), table, style
         self.goes_on, self.appears_whole = grows, not grows
         self._has_header = False
 
     def write(self, result: Any) -> None:
         """Write the rows of one frame."""
         if not self._has_header:
-            self._table.write_header(self._stream)
-        self._table.write_rows(self._stream, result)
+            self._table.write_header(self._stream, self._style)
+        self._table.write_rows(self._stream, result, self._style)
         self._has_header = True
 
 
@@ -107,10 +111,11 @@ class CsvTracksSink(CsvSink):
 
     Args:
         path: The file to write, which has every frame at once.
+        style: How it is written.
 
     Raises:
         InputError: The file cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, TRACKS, grows=True)
+    def __init__(self, path: Path, style: CsvStyle = PLAIN) -> None:
+        super().__init__(path, TRACKS, style, grows=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from basetree.counts import counted
 from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
+from basetree.files.names import DEPTH_SUFFIXES
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
@@ -30,6 +30,15 @@ from edgetree.sources.depth_pairing import (
     frame_names,
     is_depth_name,
 )
+from edgetree.sources.picture_names import (
+    has_suffix,
+    heic_words,
+    image_suffixes,
+    in_order,
+    is_image_name,
+    unread_heic,
+    with_files,
+)
 from edgetree.sources.source import BaseSource, FrameSource, readable
 from edgetree.sources.videos import VideoFrames, is_picture
 
@@ -37,9 +46,6 @@ _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
 _ARRAY: Final = ".npy"
-_HEIC: Final = (".heic", ".heif", ".hif")
-# Not the digits after a decimal point, such as those of time stamps.
-_LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
 
 
 def open_source(
@@ -99,7 +105,11 @@ def open_source(
 
 
 def open_image_files(
-    files: Sequence[tuple[str, Path, Path | None]], *, depth_only: bool, rig: Rig
+    files: Sequence[tuple[str, Path, Path | None]],
+    *,
+    depth_only: bool,
+    rig: Rig,
+    upright: bool = True,
 ) -> FrameSource:
     """Open image files as frames.
 
@@ -107,11 +117,13 @@ def open_image_files(
         files: (name of the frame, image, depth image or None) of each.
         depth_only: Whether the images are depth images instead of colour images.
         rig: Cameras and depth unit.
+        upright: As for `open_source`.
 
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, rig.camera is None)
+    upright = upright and rig.camera is None
+    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, upright)
 
 
 def open_files(
@@ -152,14 +164,14 @@ def as_typed(source: Path) -> str:
 
 def has_images(folder: Path) -> bool:
     """Whether a path is a folder with images in it."""
-    return folder.is_dir() and any(map(_is_image, folder.iterdir()))
+    return folder.is_dir() and any(map(is_image_name, folder.iterdir()))
 
 
 def depth_inside(folder: Path) -> Path | None:
     """The folder of the depth that belongs to the images below a folder; None if there is none."""
-    if not folder.is_dir() or _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES) == folder:
+    if not folder.is_dir() or with_files(folder, COLOUR_FOLDERS, image_suffixes()) == folder:
         return None
-    depth = _with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+    depth = with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
     return None if depth == folder else depth
 
 
@@ -175,12 +187,12 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
         return None
     if not source.is_dir():
         return source if is_same or source.suffix.lower() == _ARRAY else None
-    if _with_files(source, COLOUR_FOLDERS, IMAGE_SUFFIXES) != source:
+    if with_files(source, COLOUR_FOLDERS, image_suffixes()) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
-    pictures = [path for path in names if _is_image(path)]
+    pictures = [path for path in names if is_image_name(path)]
     if not pictures:
-        folder = _with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
+        folder = with_files(source, DEPTH_FOLDERS, DEPTH_SUFFIXES)
         has_arrays = any(path.suffix.lower() == _ARRAY for path in names)
         return folder if has_arrays or folder != source else None
     # With pictures and their depth in one folder, names or suffixes tell them apart.
@@ -191,83 +203,78 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     return source if is_same and not (is_mixed or is_lossy) else None
 
 
-def _is_image(path: Path) -> bool:
-    return _has_suffix(path, IMAGE_SUFFIXES)
-
-
-def _has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
-    return path.suffix.lower() in suffixes and not path.name.startswith(".")
-
-
 def _open_folder(
     folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
 ) -> FrameSource:
     """The images of a folder, in the order of their numbers or names, with their depth images."""
-    root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
+    files = folder_files(folder, depth, depth_only=depth_only)
+    names = frame_names([path for path, _ in files])
+    named = [(name, *file) for name, file in zip(names, files, strict=True)]
+    is_depth = depth_only and not any(depth for _, depth in files)
+    return _ImageFrames(str(folder), named, is_depth, rig, upright)
+
+
+def folder_files(
+    folder: Path, depth: Path | None = None, *, depth_only: bool = False
+) -> list[tuple[Path, Path | None]]:
+    """The images of a folder, in the order of their numbers or names.
+
+    Args:
+        folder: The folder, or one that holds a folder of colour images.
+        depth: Folder of their depth images. If it is not given, it is found inside such a folder.
+        depth_only: Whether the images are depth images instead of colour images.
+
+    Returns:
+        Each image with its depth image, which may not exist; or with None.
+
+    Raises:
+        InputError: There are no images, or no image has a depth image.
+    """
+    root, folder = folder, with_files(folder, COLOUR_FOLDERS, image_suffixes())
     if folder != root and depth is None:
         depth = depth_inside(root)
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
-    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else IMAGE_SUFFIXES
-    paths = _in_order(path for path in folder.iterdir() if _has_suffix(path, suffixes))
+    suffixes = DEPTH_SUFFIXES if depth_only and depth is None else image_suffixes()
+    paths = in_order(path for path in folder.iterdir() if has_suffix(path, suffixes))
+    heic = unread_heic(folder)
+    if not paths and heic:
+        raise InputError(f"folder {folder} has no images but {heic_words(heic)}")
     if not paths:
-        heic = _heic(folder)
-        found = f", but {len(heic)} HEIC pictures such as {heic[0]}" if heic else ""
-        raise InputError(f"folder {folder} has no images{found}: expected {', '.join(suffixes)}")
-    _warn_of_heic(folder)
-    depths: list[Path | None] = [None] * len(paths)
-    if depth is not None:
-        if not depth.is_dir():
-            raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
-        depth = _with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
-        present = {path.name for path in depth.iterdir()}
-        if depth.resolve() == folder.resolve():
-            paths = [path for path in paths if not is_depth_name(path.stem)] or paths
-            present -= {path.name for path in paths}
-        has_depth = any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
-        has_clouds = (
-            any(name.lower().endswith(CLOUD_SUFFIXES) for name in present) and not has_depth
-        )
-        expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
-        paired = depth_names(paths, present, str(folder), str(depth), expected)
-        if paired.remark is not None:
-            _log.warning("%s", paired.remark)
-        depths = [depth / name for name in paired.names]
-    files = list(zip(frame_names(paths), paths, depths, strict=True))
-    return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
+        raise InputError(f"folder {folder} has no images: expected {', '.join(suffixes)}")
+    if heic:
+        _log.warning("left out of folder %s: %s", folder, heic_words(heic))
+    return with_depth(paths, depth, folder)
 
 
-def _heic(folder: Path) -> list[str]:
-    """The names of the HEIC pictures of a folder, which are not read."""
-    return sorted(path.name for path in folder.iterdir() if _has_suffix(path, _HEIC))
+def with_depth(
+    paths: Sequence[Path], depth: Path | None, folder: Path
+) -> list[tuple[Path, Path | None]]:
+    """Images with their depth images, by names.
 
+    Args:
+        paths: The images.
+        depth: Folder of the depth images, which may be that of the images; None if there are none.
+        folder: Where the images are.
 
-def _warn_of_heic(folder: Path) -> None:
-    if heic := _heic(folder):
-        _log.warning(
-            "%d HEIC pictures of %s are left out, the first is %s: expected JPEG or PNG, which the"
-            " phone or its photo program exports",
-            *(len(heic), folder, heic[0]),
-        )
-
-
-def _in_order(paths: Iterable[Path]) -> list[Path]:
-    """Sort by name, or by the last number if the names differ in it alone: 2 is before 10."""
-    by_name = sorted(paths)
-    found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
-    numbers = [int(match[2]) for match in found if match is not None]
-    others = {(match[1], match[3]) for match in found if match is not None}
-    if len(numbers) < len(by_name) or len(others) != 1:
-        return by_name
-    return [path for _, path in sorted(zip(numbers, by_name, strict=True))]
-
-
-def _with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:
-    """The folder, or the only one of these names in it if it has no such files itself."""
-    inside = sorted(folder.iterdir())
-    if any(path.suffix.lower() in suffixes and path.is_file() for path in inside):
-        return folder
-    found = [path for path in inside if path.is_dir() and path.name.lower() in names]
-    return found[0] if len(found) == 1 else folder
+    Raises:
+        InputError: `depth` is no folder, or no image has a depth image in it.
+    """
+    if depth is None:
+        return [(path, None) for path in paths]
+    if not depth.is_dir():
+        raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+    depth = with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
+    present = {path.name for path in depth.iterdir()}
+    if depth.resolve() == folder.resolve():
+        paths = [path for path in paths if not is_depth_name(path.stem)] or paths
+        present -= {path.name for path in paths}
+    has_depth = any(name.lower().endswith(DEPTH_SUFFIXES) for name in present)
+    has_clouds = any(name.lower().endswith(CLOUD_SUFFIXES) for name in present) and not has_depth
+    expected = CLOUD_SUFFIXES if has_clouds else DEPTH_SUFFIXES
+    paired = depth_names(paths, present, str(folder), str(depth), expected)
+    if paired.remark is not None:
+        _log.warning("%s", paired.remark)
+    return [(path, depth / name) for path, name in zip(paths, paired.names, strict=True)]
 
 
 class _ImageFrames(BaseSource):
@@ -284,7 +291,7 @@ class _ImageFrames(BaseSource):
         super().__init__(name)
         self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
-        self._upright, self._has_told = upright, False
+        self._upright, self._has_told, self._told_depth = upright, False, False
 
     def __iter__(self) -> Iterator[Frame]:
         wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
@@ -314,6 +321,13 @@ class _ImageFrames(BaseSource):
         if picture.orientation != 1 and not self._has_told:
             self._has_told = True
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
+        if picture.has_depth and not self._told_depth:
+            self._told_depth = True
+            _log.warning(
+                "%s holds a depth image, which is not used as the file does not say its unit:"
+                " record with Record3D or Stray Scanner for metres",
+                path,
+            )
         pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
         return pixels, picture.focal_px
 

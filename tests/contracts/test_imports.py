@@ -32,7 +32,7 @@ BAG_PACKAGES = {"rosbags", "mcap", "mcap_protobuf", "zstandard", "lz4", "av"}
 # Modules that are imported when a file of their kind is opened, and need its package at once.
 FILE_KINDS = {"edgetree.sources.bags.mcap_file", "edgetree.sources.bags.ros1_file"}
 MAY_IMPORT = {
-    "basetree": {"basetree", "numpy", "cv2", "typer", "msgspec", "ray", "fsspec"},
+    "basetree": {"basetree", "numpy", "cv2", "typer", "msgspec", "ray", "fsspec", "pillow_heif"},
     "calib": {"calib", "basetree", "numpy", "cv2", "yaml", "laspy", "lazrs"},
     "fleet": {"fleet", "basetree"},
     "perceptree": TRAINING_STACK
@@ -144,7 +144,9 @@ def test_a_package_imports_only_what_it_may_know(package: str) -> None:
     assert strangers == set()
 
 
-@pytest.mark.parametrize("package", ["matplotlib", "ray", "fsspec", "laspy", "lazrs"])
+@pytest.mark.parametrize(
+    "package", ["matplotlib", "ray", "fsspec", "laspy", "lazrs", "pillow_heif"]
+)
 def test_some_packages_are_loaded_when_they_are_needed(package: str) -> None:
     always = {
         module

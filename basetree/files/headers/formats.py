@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from basetree.files.headers import jpeg, plain, png, tiff, webp
+from basetree.files.headers import heif, jpeg, plain, png, tiff, webp
 from basetree.files.headers.header import NotOffered, PictureHeader
 
 _READERS: dict[bytes, Callable[[bytes], PictureHeader | None]] = {
@@ -37,7 +37,7 @@ _NOT_READ = {
     b"FUJIFILM": "camera raw",
 }
 _ISO_BRANDS = {b"avif": "AVIF", b"avis": "AVIF", b"crx ": "camera raw (CR3)"} | dict.fromkeys(
-    (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), "HEIF"
+    (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), heif.FORMAT_NAME
 )
 
 
@@ -61,6 +61,8 @@ def picture_header(data: bytes) -> PictureHeader | None:
                 return None
             return header if header and header.width > 0 and header.height > 0 else None
     format_name = _other_format(data)
+    if format_name == heif.FORMAT_NAME:
+        return heif.read_header(data)
     if format_name is not None:
         raise NotOffered(
             f"a {format_name} picture, expected JPEG, PNG, TIFF, BMP, WebP, GIF, PNM or PFM:"

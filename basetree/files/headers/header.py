@@ -23,6 +23,7 @@ class PictureHeader:
         orientation: EXIF orientation, 1 to 8: how the stored pixels are to be turned; 1 if the
             file states none.
         focal_px: Focal length in px that EXIF metadata state; None if they state none.
+        has_depth: Whether a depth image of an unknown unit is in the file, which is not read.
         is_whole: Whether the file holds the bytes that it states, as far as that is told.
     """
 
@@ -35,6 +36,7 @@ class PictureHeader:
     orientation: int = 1
     is_whole: bool = True
     focal_px: float | None = None
+    has_depth: bool = False
 
     def reading_bytes(self, channels: int, sample_bytes: int) -> int:
         """Memory that reading takes at its peak, for decoded pixels of so many bytes.

@@ -213,7 +213,6 @@ OTHER = {
     "Radiance HDR": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16000 +X 16000\n" + bytes(100),
     "JPEG 2000": bytes.fromhex("0000000c6a5020200d0a870a") + bytes(100),
     "AVIF": b"\0\0\0\x20ftypavif" + bytes(100),
-    "HEIF": b"\0\0\0\x20ftypheic" + bytes(100),
     "OpenEXR": bytes.fromhex("762f3101") + bytes(100),
     "Sun raster": _encoded(".ras", COLOUR),
     "PAM": b"P7\nWIDTH 34\nHEIGHT 21\n" + bytes(100),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from edgetree.bench.result import csv_text
 from edgetree.results.csv_cells import text_cell
-from edgetree.results.csv_table import cell
+from edgetree.results.csv_style import cell
 
 NUMBER = re.compile(r"[+-]\d[\d.,]*(e[+-]?\d+)?")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +14,9 @@ from numpy.typing import NDArray
 
 import calib
 from basetree.errors import InputError, InputFileError
+from basetree.files.headers import heif
+from basetree.files.headers.exif import turned_upright
+from basetree.files.limits import current_limits, set_limits
 from edgetree.frames.images import read_image
 from edgetree.sources import open_source
 from edgetree.sources.source import readable
@@ -197,13 +202,70 @@ def test_grey_images_become_colour(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(tmp_path / "g.png"), np.full((8, 9, 3), 77))
 
 
-def test_heic_pictures_of_a_folder_are_named_and_counted(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+def test_heic_pictures_that_cannot_be_read_are_named_and_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    monkeypatch.setattr(heif, "is_readable", lambda: False)
     for name in ("IMG_1.HEIC", "IMG_2.heic"):
-        (tmp_path / name).write_bytes(b"")
-    with pytest.raises(InputError, match=r"has no images, but 2 HEIC pictures such as IMG_1\.HEIC"):
+        (tmp_path / name).write_bytes(b"\0\0\0\x20ftypheic" + bytes(100))
+    expected = r"2 HEIC pictures such as IMG_1\.HEIC, which need pillow-heif: pip install "
+    with pytest.raises(InputError, match=rf"has no images but {expected}"):
         open_source(tmp_path)
     _write(tmp_path / "a.png")
     assert len(list(open_source(tmp_path))) == 1
-    assert "2 HEIC pictures of" in caplog.text
+    assert "2 HEIC pictures such as" in caplog.text
+    with pytest.raises(InputFileError, match="a HEIF picture, which needs pillow-heif"):
+        read_image(tmp_path / "IMG_1.HEIC")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_heic_pictures_are_read_as_stored_with_their_orientation(
+    tmp_path: Path, orientation: int
+) -> None:
+    stored = _write_heic(tmp_path / "IMG_1.HEIC", orientation)
+    (frame,) = open_source(tmp_path, upright=False)
+    assert frame.name == "IMG_1"
+    assert frame.image is not None
+    assert np.abs(frame.image.astype(int) - stored).mean() < 4
+    (frame,) = open_source(tmp_path)
+    assert frame.image is not None
+    upright = turned_upright(stored, orientation)
+    assert frame.image.shape == upright.shape
+    assert np.abs(frame.image.astype(int) - upright).mean() < 4
+    assert frame.exif_focal_px == pytest.approx(26 / 43.27 * 80, rel=0.01)
+
+
+def test_a_heic_picture_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
+    _write_heic(tmp_path / "a.heic", 1)
+    data = (tmp_path / "a.heic").read_bytes()
+    (tmp_path / "b.heic").write_bytes(data[: len(data) // 2])
+    errors: list[Exception] = []
+    frames = list(readable(open_source(tmp_path), errors.append))
+    assert [frame.name for frame in frames] == ["a"]
+    assert "b.heic cannot be read" in str(errors[0])
+
+
+def test_a_large_heic_picture_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    _write_heic(tmp_path / "a.heic", 1)
+    before = set_limits(replace(current_limits(), image_pixels=1000))
+    try:
+        with pytest.raises(InputFileError, match="64x48 px, expected at most 1000 pixels"):
+            read_image(tmp_path / "a.heic")
+    finally:
+        set_limits(before)
+
+
+def _write_heic(path: Path, orientation: int) -> NDArray[np.uint8]:
+    """Write a picture of four colours with EXIF data; returns its stored pixels, BGR."""
+    pillow_heif = pytest.importorskip("pillow_heif")
+    from PIL import Image
+
+    pillow_heif.register_heif_opener()
+    stored = np.zeros((48, 64, 3), np.uint8)
+    stored[:24, :32], stored[24:, :32], stored[:24, 32:] = 200, (120, 0, 0), (0, 60, 0)
+    exif = Image.Exif()
+    exif[274] = orientation
+    exif.get_ifd(34665)[41989] = 26
+    Image.fromarray(stored[..., ::-1]).save(path, "HEIF", exif=exif.tobytes(), quality=95)
+    return stored

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -51,6 +53,26 @@ _PICTURES = (
     _jpeg_with(_EXIF),
     _jpeg_with(_FOCAL),
 )
+
+
+def _heic() -> tuple[bytes, ...]:
+    """Pictures in HEIF, plain and turned; none without the package that writes them."""
+    if find_spec("pillow_heif") is None:
+        return ()
+    import pillow_heif
+    from PIL import Image
+
+    pillow_heif.register_heif_opener()
+    files = []
+    for orientation in (1, 5):
+        exif, file = Image.Exif(), io.BytesIO()
+        exif[274] = orientation
+        big = np.repeat(np.repeat(_COLOUR, 8, 0), 8, 1)
+        Image.fromarray(big).save(file, "HEIF", exif=exif.tobytes())
+        files.append(file.getvalue())
+    return tuple(files)
+
+
 _DEPTHS = (
     _encoded(".png", _DEPTH),
     _encoded(".tif", _DEPTH),
@@ -76,6 +98,7 @@ FORMATS = {
     "depth.npy": Format((_HEADER.ljust(79) + b"\n" + bytes(16),), calib.read_depth),
     "picture": Format(_PICTURES, _read_everything),
     "colour": Format(_PICTURES, read_colour),
+    **({"picture.heic": Format(heic, _read_everything)} if (heic := _heic()) else {}),
     "mask.png": Format(
         (_encoded(".png", _GREY), _encoded(".tif", _DEPTH), _encoded(".bmp", _GREY)),
         lambda path: read_masks(path, (8, 6)),

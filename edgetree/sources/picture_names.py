@@ -1,0 +1,66 @@
+"""Names of pictures in folders: which files are pictures, in which order, and where they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+from basetree.counts import counted
+from basetree.errors import install_hint
+from basetree.files.headers import heif
+from basetree.files.names import HEIF_SUFFIXES, IMAGE_SUFFIXES
+
+# Not the digits after a decimal point, such as those of time stamps.
+_LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
+
+
+def is_image_name(path: Path) -> bool:
+    """Whether a path is named as a picture that is not hidden."""
+    return has_suffix(path, image_suffixes())
+
+
+def image_suffixes() -> tuple[str, ...]:
+    """The suffixes of pictures, with HEIC's where the package that reads them is installed."""
+    return (*IMAGE_SUFFIXES, *HEIF_SUFFIXES) if heif.is_readable() else IMAGE_SUFFIXES
+
+
+def has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
+    """Whether a name ends in one of these suffixes and is not hidden."""
+    return path.suffix.lower() in suffixes and not path.name.startswith(".")
+
+
+def unread_heic(folder: Path) -> list[str]:
+    """The names of the HEIC pictures of a folder that are not read, as the package is missing."""
+    if heif.is_readable():
+        return []
+    return sorted(path.name for path in folder.iterdir() if has_suffix(path, HEIF_SUFFIXES))
+
+
+def heic_words(names: Sequence[str]) -> str:
+    """How many HEIC pictures cannot be read, and what they need."""
+    return (
+        f"{counted(len(names), 'HEIC picture')} such as {names[0]}, which need pillow-heif:"
+        f" {install_hint('heic')}, or export JPEG or PNG"
+    )
+
+
+def in_order(paths: Iterable[Path]) -> list[Path]:
+    """Sort paths by name, or by the last number if the names differ in it alone: 2 is before 10."""
+    by_name = sorted(paths)
+    found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
+    numbers = [int(match[2]) for match in found if match is not None]
+    others = {(match[1], match[3]) for match in found if match is not None}
+    if len(numbers) < len(by_name) or len(others) != 1:
+        return by_name
+    return [path for _, path in sorted(zip(numbers, by_name, strict=True))]
+
+
+def with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:
+    """The folder, or the only one of these names in it if it has no such files itself."""
+    inside = sorted(folder.iterdir())
+    if any(path.suffix.lower() in suffixes and path.is_file() for path in inside):
+        return folder
+    found = [path for path in inside if path.is_dir() and path.name.lower() in names]
+    return found[0] if len(found) == 1 else folder

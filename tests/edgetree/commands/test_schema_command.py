@@ -1,0 +1,146 @@
+"""JSON Schemas: real output of the commands is valid, and has no key that they do not name."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+from calib.depth_scale import DepthScale
+from edgetree.catalogue import default_model
+from edgetree.model_file.manifest import METADATA_KEY
+from edgetree.model_file.safety_check import read_model_file
+from edgetree.sample_files import write_samples
+from edgetree.schemas import json_schema, schema_names
+
+jsonschema = pytest.importorskip("jsonschema")
+Cli = Callable[..., Any]
+ROOT = Path(__file__).resolve().parents[3]
+
+NOT_DESCRIBED = {
+    *("edgetree.bench/2", "edgetree.bench-comparison/1", "edgetree.calibrate/1", "edgetree.card/1"),
+    *("edgetree.check-rig/1", "edgetree.conformance-check/1", "edgetree.conformance-make/1"),
+    *("edgetree.demo/1", "edgetree.doctor/1", "edgetree.export/1", "edgetree.eval/1"),
+    *("edgetree.live.page/1", "edgetree.recording/1", "edgetree.recording.frame/1"),
+    *("edgetree.job/1", "edgetree.part/1", "edgetree.shard/1", "edgetree.model-signature/1"),
+    *("edgetree.trust/1", "edgetree.used-versions/1", "edgetree.verify/1"),
+}
+
+
+def closed(schema: Any) -> Any:
+    """A schema that allows the keys alone that it names."""
+    if isinstance(schema, list):
+        return [closed(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    inner = {key: closed(value) for key, value in schema.items()}
+    if inner.get("type") == "object" and "properties" in inner:
+        inner.setdefault("additionalProperties", False)
+    return inner
+
+
+def check(record: Any) -> str:
+    name: str = record["schema"]
+    jsonschema.Draft202012Validator(closed(json_schema(name))).validate(record)
+    return name
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("samples") / "samples"
+    write_samples(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", schema_names())
+def test_each_schema_is_one(name: str) -> None:
+    schema = json_schema(name)
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_the_command_prints_a_schema_and_lists_the_names(run_cli: Cli) -> None:
+    assert tuple(run_cli("schema").out.split()) == schema_names()
+    assert json.loads(run_cli("schema", "edgetree.frame").out)["title"] == "edgetree.frame/1"
+    done = run_cli("schema", "edgetree.frames")
+    assert done.code == 2
+    assert "schema 'edgetree.frames' is unknown: expected one of calib.camera/1" in done.err
+
+
+def test_every_format_is_described_or_listed_as_not() -> None:
+    named = set()
+    for package in ("calib", "edgetree", "basetree"):
+        for path in (ROOT / package).rglob("*.py"):
+            named |= set(
+                re.findall(r'"((?:edgetree|calib)\.[a-z_.-]+/\d+)"', path.read_text("utf-8"))
+            )
+    assert named - set(schema_names()) <= NOT_DESCRIBED
+    assert set(schema_names()) <= named
+    assert not set(schema_names()) & NOT_DESCRIBED
+
+
+def test_results_of_run_measure_and_check_are_valid(
+    run_cli: Cli, samples: Path, tmp_path: Path
+) -> None:
+    rig = ("--camera", samples / "camera.json", "--json")
+    depth = samples / "depth"
+    picture = ("measure", samples / "pictures" / "sample_0.jpg", "--depth", depth / "sample_0.png")
+    records = [json.loads(run_cli(*picture, *rig, "--species", "pine").out)]
+    table = tmp_path / "trees.csv"
+    frames = ("run", samples / "pictures" / "sample_*.jpg", "--depth", depth, "--csv", table)
+    records.append(json.loads(run_cli(*frames, *rig).out))
+    done = run_cli("check", table, samples / "caliper.csv", "--out", tmp_path / "check", "--json")
+    records += [
+        json.loads(done.out),
+        json.loads((tmp_path / "check" / "settings.json").read_text()),
+    ]
+    records += records[1]["frames"]
+    assert [check(record) for record in records][:4] == [
+        *("edgetree.measure/1", "edgetree.run/1", "edgetree.check/1", "edgetree.check_settings/1"),
+    ]
+
+
+def test_frames_without_metres_are_valid(run_cli: Cli, images: Path, model: Path) -> None:
+    for line in run_cli("run", images, "--model", model).out.splitlines():
+        assert check(json.loads(line)) == "edgetree.frame/1"
+
+
+def test_live_results_and_their_map_are_valid(run_cli: Cli, samples: Path, tmp_path: Path) -> None:
+    lines, stems = tmp_path / "live.jsonl", tmp_path / "stems.geojson"
+    done = run_cli("live", samples / "drive", "--jsonl", lines, "--map", stems, "--frames", 6)
+    assert done.code == 0, done.err
+    records = [json.loads(line) for line in lines.read_text().splitlines()]
+    assert records[-1]["tracks"]
+    assert {check(record) for record in records} == {"edgetree.live/1"}
+    assert check(json.loads(stems.read_text())) == "edgetree.live.map/1"
+
+
+def test_the_list_of_models_and_their_manifests_are_valid(run_cli: Cli) -> None:
+    assert check(json.loads(run_cli("models", "--json").out)) == "edgetree.models/1"
+    record = json.loads(read_model_file(default_model("depth")).metadata[METADATA_KEY])
+    assert check(record) == METADATA_KEY + "/1"
+
+
+def test_files_of_the_rig_are_valid(tmp_path: Path) -> None:
+    camera = calib.PinholeCamera(640, 480, 500.0, 500.0, 319.5, 239.5)
+    calib.save_camera(tmp_path / "camera.json", camera)
+    calib.save_transform(tmp_path / "t.json", calib.RigidTransform(np.eye(3), np.zeros(3)))
+    scale = DepthScale(1.01, 0.001, 0.002, 0.001, -0.5, 1.0, 6.0, (), ())
+    calib.save_depth_scale(tmp_path / "scale.json", scale)
+    for name in ("camera", "t", "scale"):
+        assert check(json.loads((tmp_path / f"{name}.json").read_text())).startswith("calib.")
+
+
+def test_what_is_wrong_is_found() -> None:
+    for record in (
+        {"schema": "calib.camera/1", "width": 0, "height": 4, "fx": 1, "fy": 1, "cx": 0, "cy": 0},
+        {"schema": "edgetree.merge/1", "frames": 1},
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            check(record)
