@@ -31,9 +31,8 @@ def bench(
         list[str] | None,
         typer.Argument(
             metavar="[MODEL]...",
-            help="Exported .onnx files, or names that `edgetree models` lists; the packaged models"
-            " if not given.",
-            show_default=False,
+            help="Exported .onnx files, or names that `edgetree models` lists.",
+            show_default="the packaged models",
         ),
     ] = None,
     *,
@@ -43,8 +42,10 @@ def bench(
         Path | None,
         typer.Option(
             metavar="DATASET",
-            help="Labelled dataset whose split test gives the accuracy; the models' cards if not"
-            " given. Needs the packages for training.",
+            help="Labelled dataset whose split test gives the accuracy. Needs the packages for"
+            " training.",
+            show_default="the models' cards",
+            rich_help_panel="Measuring",
         ),
     ] = None,
     files: BenchFiles,

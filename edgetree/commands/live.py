@@ -20,7 +20,7 @@ from edgetree.commands.live_options import (
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
-from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
+from edgetree.commands.options import MODEL, Model, ScoreThreshold, model_file, model_words
 
 if TYPE_CHECKING:
     from edgetree.live.pipeline import LivePipeline
@@ -45,6 +45,8 @@ _Source: TypeAlias = Annotated[
 @dataclass(frozen=True)
 class _ModelOptions:
     """The options about the model."""
+
+    panel = MODEL
 
     model: Model = "depth"
     score_threshold: ScoreThreshold = 0.5
