@@ -82,7 +82,9 @@ class NetworkOptions:
         typer.Option(
             metavar="LIST",
             help="Measure networks by name, such as r50,r101,x101-32x8d,edge-n, beside the paper's"
-            " table. Those without a file in --models are exported with untrained weights.",
+            " table. Those without a file in --models are first exported with untrained weights,"
+            " minutes each, and kept for the next time; or run `edgetree export` before and give"
+            " its files as MODEL.",
         ),
     ] = None
     models: Annotated[
