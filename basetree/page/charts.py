@@ -191,9 +191,16 @@ class Plot:
         )
 
 
-def named_bars(name: str, counts: Mapping[str, int]) -> str:
-    """A horizontal bar for each named count, with its number and its percentage."""
-    total, most = max(1, sum(counts.values())), max(1, *counts.values(), 1)
+def named_bars(name: str, counts: Mapping[str, int], total: int | None = None) -> str:
+    """A horizontal bar for each named count, with its number and its percentage.
+
+    Args:
+        name: What the chart shows.
+        counts: The counts.
+        total: What they are shares of, if not of their sum, as several may count one thing.
+    """
+    most = max(1, *counts.values(), 1)
+    total = max(1, sum(counts.values()) if total is None else total)
     drawn = []
     for number, (title, count) in enumerate(counts.items()):
         y, length = number * _ROW, (_BARS_WIDTH - _NAME_WIDTH - _VALUE_WIDTH) * count / most
