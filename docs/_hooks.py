@@ -55,14 +55,16 @@ def _command_sections(program: str) -> Iterator[str]:
         yield f"## {' '.join(words)}\n\n```text\n{text.rstrip()}\n```\n"
 
 
-def _helps(command: Any, words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
+def _helps(
+    command: Any, words: tuple[str, ...], parent: Any = None
+) -> Iterator[tuple[tuple[str, ...], str]]:
     """The words to type and the help text, for a command and its sub-commands."""
     context = command.make_context(
-        " ".join(words), [], resilient_parsing=True, terminal_width=_HELP_COLUMNS
+        words[-1], [], parent, resilient_parsing=True, terminal_width=_HELP_COLUMNS
     )
-    yield words, command.get_help(context)
+    yield words, re.sub(r"\x1b\[[0-9;]*m", "", command.get_help(context))
     for name, child in getattr(command, "commands", {}).items():
-        yield from _helps(child, (*words, name))
+        yield from _helps(child, (*words, name), context)
 
 
 def _constant_tables() -> Iterator[str]:

@@ -8,7 +8,10 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from basetree.program.command_line import Version, new_app, run_app, show_help
+from basetree.program.command_line import Version, run_app, show_help
+from basetree.program.help import new_app
+from basetree.program.options import expand_groups
+from basetree.program.talking import TalkOptions
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
@@ -32,32 +35,44 @@ from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
 
 app = new_app("Find trees in camera frames and measure them in metres.", "edgetree")
-app.command()(demo)
-app.command()(samples)
-app.command()(run)
-app.command()(measure)
-app.command()(merge)
-app.command()(live)
-app.add_typer(config)
-app.command()(check)
-app.command()(check_rig)
-app.command()(calibrate)
-app.command(name="eval")(evaluate)
-app.command()(models)
-app.command()(bench)
-app.command()(compare)
-app.command()(export)
-app.command()(verify)
-app.add_typer(conformance)
-app.command()(schema)
-app.command()(sign)
-app.command()(trust)
-app.command()(doctor)
+_START, _TREES, _MACHINE, _MODELS = "First steps", "Trees", "Cameras and machines", "Models"
+_RIG = "--depth samples/depth --camera samples/camera.json"
+
+app.add(demo, "edgetree demo --out edgetree-demo", group=_START)
+app.add(samples, "edgetree samples --out samples", group=_START)
+app.add(doctor, "edgetree doctor", group=_START)
+app.add(run, f"edgetree run samples/pictures {_RIG} --csv trees.csv", group=_TREES)
+app.add(
+    measure,
+    "edgetree measure samples/pictures/sample_0.jpg --depth samples/depth/sample_0.png"
+    " --camera samples/camera.json",
+    group=_TREES,
+)
+app.add(live, "edgetree live samples/drive --map stems.geojson", group=_TREES)
+app.add_typer(config, name="config", rich_help_panel=_MACHINE)
+app.add(merge, "edgetree merge s3://forest/shards --csv trees.csv", group=_TREES)
+app.add(calibrate, "edgetree calibrate photos --board checkerboard:9x6:0.025", group=_MACHINE)
+app.add(check_rig, "edgetree check-rig samples/drive --seconds 20", group=_MACHINE)
+app.add(check, "edgetree check trees.csv samples/caliper.csv", group=_MACHINE)
+app.add(trust, "edgetree trust forest.pub --require", group=_MACHINE)
+app.add(models, "edgetree models", group=_MODELS)
+app.add(evaluate, "edgetree eval edge-n-rgb trees --out evaluation", group=_MODELS, name="eval")
+app.add(bench, "edgetree bench edge-n-rgb edge-n-depth --out bench.json", group=_MODELS)
+app.add(compare, "edgetree compare before.json after.json", group=_MODELS)
+app.add(
+    export, "edgetree export run/best.safetensors --data trees --out forest.onnx", group=_MODELS
+)
+app.add(verify, "edgetree verify forest.onnx run/best.safetensors --data trees", group=_MODELS)
+app.add(sign, "edgetree sign forest.onnx --key forest.key", group=_MODELS)
+app.add(schema, "edgetree schema edgetree.frame/1", group=_MODELS)
+app.add_typer(conformance, name="conformance", rich_help_panel=_MODELS)
 
 
 @app.callback(invoke_without_command=True)
+@expand_groups
 def options(
     context: typer.Context,
+    *,
     version: Version = False,
     max_megapixels: Annotated[
         int | None,
@@ -73,8 +88,10 @@ def options(
             " it (see `edgetree trust`).",
         ),
     ] = False,
+    talk: TalkOptions,
 ) -> None:
     """Print the help if no command is given."""
+    talk.apply()
     if max_megapixels is not None:
         from basetree.files import current_limits, set_limits
 

@@ -6,7 +6,10 @@ from typing import NoReturn
 
 import typer
 
-from basetree.program.command_line import Version, new_app, run_app, show_help
+from basetree.program.command_line import Version, run_app, show_help
+from basetree.program.help import new_app
+from basetree.program.options import expand_groups
+from basetree.program.talking import TalkOptions
 from perceptree.commands.average import average
 from perceptree.commands.calibrate_scores import calibrate_scores
 from perceptree.commands.data import app as data
@@ -21,23 +24,36 @@ from perceptree.commands.tables import tables
 from perceptree.commands.train import train
 
 app = new_app("Simulate forests, train tree detectors and evaluate them.", "perceptree")
-app.command()(synth)
-app.command()(scene)
-app.command()(merge)
-app.command()(train)
-app.command(name="eval")(evaluate)
-app.command()(average)
-app.command(name="calibrate-scores")(calibrate_scores)
-app.command()(tables)
-app.command()(plot)
-app.command()(predict)
-app.command(name="import")(import_)
-app.add_typer(data, name="data")
+_DATA, _NETWORKS = "Data", "Networks"
+
+app.add(synth, "perceptree synth --out trees --frames 400", group=_DATA)
+app.add(scene, "perceptree scene --out scene.glb --seed 7", group=_DATA)
+app.add_typer(data, name="data", rich_help_panel=_DATA)
+app.add(predict, "perceptree predict run/best.safetensors photos --out labels", group=_DATA)
+app.add(merge, "perceptree merge s3://forest/shards --out trees", group=_DATA)
+app.add(train, "perceptree train trees --out run --minutes 60", group=_NETWORKS)
+app.add(evaluate, "perceptree eval run/best.safetensors trees", group=_NETWORKS, name="eval")
+app.add(plot, "perceptree plot run", group=_NETWORKS)
+app.add(
+    average,
+    "perceptree average run-1/best.safetensors run-2/best.safetensors --out mean.safetensors",
+    group=_NETWORKS,
+)
+app.add(
+    calibrate_scores,
+    "perceptree calibrate-scores run/best.safetensors photos --out calibrated.safetensors",
+    group=_NETWORKS,
+    name="calibrate-scores",
+)
+app.add(tables, "perceptree tables trees --table 2 --out tables --minutes 60", group=_NETWORKS)
+app.add(import_, "perceptree import model_final.pth", group=_NETWORKS, name="import")
 
 
 @app.callback(invoke_without_command=True)
-def options(context: typer.Context, version: Version = False) -> None:
+@expand_groups
+def options(context: typer.Context, *, version: Version = False, talk: TalkOptions) -> None:
     """Print the help if no command is given."""
+    talk.apply()
     show_help(context)
 
 

@@ -32,12 +32,24 @@ class Axis:
         high: Value at the end, another one.
         ticks: Values, and what is written at each of them as content of an SVG text.
         name_html: What the values are, with their unit, likewise; nothing if empty.
+        is_logarithmic: Whether equal ratios have equal lengths; all values are then above 0.
     """
 
     low: float
     high: float
     ticks: tuple[tuple[float, str], ...] = ()
     name_html: str = ""
+    is_logarithmic: bool = False
+
+    @classmethod
+    def logarithmic(cls, low: float, high: float, name_html: str = "") -> Axis:
+        """A logarithmic axis from 1, 2 or 5 times a power of ten to another, around both values."""
+        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        steps = [m * 10.0**power for power in powers for m in (1, 2, 5)]
+        first = max(step for step in steps if step <= low)
+        last = min(step for step in steps if step >= high and step > first)
+        ticks = tuple((step, _plain(step)) for step in steps if first <= step <= last)
+        return cls(first, last, ticks, name_html, is_logarithmic=True)
 
     @classmethod
     def rounded(
@@ -81,4 +93,7 @@ class Axis:
 
     def place(self, value: float) -> float:
         """Position of a value, from 0 to 1, limited to the axis."""
-        return min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
+        low, high = self.low, self.high
+        if self.is_logarithmic:
+            value, low, high = math.log(max(value, low)), math.log(low), math.log(high)
+        return min(max((value - low) / (high - low), 0.0), 1.0)

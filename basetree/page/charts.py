@@ -20,6 +20,7 @@ _BARS_WIDTH, _ROW, _BAR, _NAME_WIDTH, _VALUE_WIDTH = 340, 24, 16, 104, 84
 _LETTER_PX: Final = 7
 
 Points: TypeAlias = Iterable[tuple[float, float]]
+Box: TypeAlias = tuple[float, float, float, float]
 
 
 def series(number: int, *marks: str, kind: str = "") -> str:
@@ -120,6 +121,33 @@ class Plot:
         title = f"<title>{escape(hint)}</title>" if hint else ""
         return f'<circle cx="{at_x:.1f}" cy="{at_y:.1f}" r="3.2">{title}</circle>{label}'
 
+    def named_dots(self, dots: Iterable[tuple[float, float, str, str]]) -> list[str]:
+        """Dots with names that do not cover each other, from (x, y, hint, name) of each.
+
+        A name stands below its dot, or as near above or below as there is room.
+        """
+        marks, taken = [], []
+        named = sorted(dots)
+        for x, y, *_ in named:
+            taken.append((self._x(x) - 4, self._x(x) + 4, self._y(y) - 4, self._y(y) + 4))
+        for x, y, hint, name in named:
+            at_x, at_y, length = self._x(x), self._y(y), _LETTER_PX * len(name)
+            side = "end" if self._across.place(x) > 0.5 else "start"
+            left = at_x - length if side == "end" else at_x
+            for below_px in (16, -8, 28, -20, 40, -32, 52, -44):
+                low = at_y + below_px
+                box = (left, left + length, low - 10, low + 2)
+                if (
+                    self._top <= box[2]
+                    and low <= self._bottom
+                    and not any(_overlap(box, other) for other in taken)
+                ):
+                    taken.append(box)
+                    marks.append(_text(at_x, low, escape(name), side))
+                    break
+            marks.append(self.dot(x, y, hint))
+        return marks
+
     def cloud(self, points: Points) -> str:
         """Many small dots."""
         path = "".join(f"M{self._x(x):.1f} {self._y(y):.1f}h0" for x, y in points)
@@ -163,9 +191,16 @@ class Plot:
         )
 
 
-def named_bars(name: str, counts: Mapping[str, int]) -> str:
-    """A horizontal bar for each named count, with its number and its percentage."""
-    total, most = max(1, sum(counts.values())), max(1, *counts.values(), 1)
+def named_bars(name: str, counts: Mapping[str, int], total: int | None = None) -> str:
+    """A horizontal bar for each named count, with its number and its percentage.
+
+    Args:
+        name: What the chart shows.
+        counts: The counts.
+        total: What they are shares of, if not of their sum, as several may count one thing.
+    """
+    most = max(1, *counts.values(), 1)
+    total = max(1, sum(counts.values()) if total is None else total)
     drawn = []
     for number, (title, count) in enumerate(counts.items()):
         y, length = number * _ROW, (_BARS_WIDTH - _NAME_WIDTH - _VALUE_WIDTH) * count / most
@@ -223,6 +258,11 @@ def _svg(name: str, size: tuple[int, int], content: Iterable[str], kind: str = "
         f' style="max-width:{_LARGEST * size[0]:.0f}px" aria-label="{escape(name)}">'
         f"{''.join(content)}</svg>"
     )
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    """Whether two boxes (left, right, top, bottom) have a common part."""
+    return one[0] < other[1] and other[0] < one[1] and one[2] < other[3] and other[2] < one[3]
 
 
 def _text(x: float, y: float, text_html: str, side: str = "start", kind: str = "") -> str:

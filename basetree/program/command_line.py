@@ -25,22 +25,6 @@ Version: TypeAlias = Annotated[
 """The option of a program's callback that prints its name and version."""
 
 
-def new_app(about: str, name: str | None = None) -> typer.Typer:
-    """Make a typer app without commands, of a program or of a command with commands of its own.
-
-    Args:
-        about: Its help.
-        name: Its name; None if whoever adds it names it.
-    """
-    return typer.Typer(
-        name=name,
-        help=about,
-        add_completion=False,
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,  # plain help appears three times as fast
-    )
-
-
 def show_help(context: typer.Context) -> None:
     """Print the help if no command is given."""
     if context.invoked_subcommand is None:

@@ -1,4 +1,4 @@
-"""Output to the terminal: notes and progress bars on stderr, results on stdout.
+"""Output to the terminal: notes and the state of a step on stderr, results on stdout.
 
 All lines of all programs, and what they log, are printed here. They may quote names and texts of
 strangers, so that each is cleaned: see `basetree.errors.one_line`.
@@ -9,34 +9,63 @@ from __future__ import annotations
 import io
 import json
 import logging
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any, Protocol, TextIO, TypeVar, cast
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final, TextIO, cast
 
 import typer
 
 from basetree.errors import one_line, short_line
 
-_T = TypeVar("_T")
+_TERMINAL_S: Final = 0.5
+_FIRST_LINE_S: Final = 5.0
+_LINES_S: Final = 60.0
+_ERASE: Final = "\r\x1b[2K"
 
 
-class Progress(Protocol):
-    """A progress bar."""
+@dataclass
+class Talk:
+    """How much a program says, see `basetree.program.talking`.
 
-    def update(self, n_steps: int) -> None:
-        """Advance the bar by `n_steps`."""
+    Attributes:
+        quiet: Whether notes and the state of steps are left out.
+        verbose: Whether what is logged from level INFO on is printed, and tracebacks of errors.
+        log: Takes each line that is printed on stderr, or would be; None for no log.
+    """
+
+    quiet: bool = False
+    verbose: bool = False
+    log: Callable[[str], None] | None = None
 
 
-class _NoBar:
-    def update(self, n_steps: int) -> None:
-        """Do nothing."""
+TALK: Final = Talk()
+"""How much this process says."""
 
 
 def note(text: str) -> None:
-    """Print one line of at most 2000 characters on stderr, if it can be written."""
-    with suppress(OSError):
-        typer.echo(short_line(text), err=True)
+    """Print one line of at most 2000 characters on stderr, if it can be written.
+
+    A quiet program leaves it out.
+    """
+    _print(short_line(text), shown=not TALK.quiet)
+
+
+def complain(text: str) -> None:
+    """Print what went wrong, as `note` does; a quiet program prints it, too."""
+    _print(short_line(text), shown=True)
+
+
+def _print(line: str, *, shown: bool) -> None:
+    if TALK.log is not None:
+        TALK.log(line)
+    if shown:
+        with suppress(OSError):
+            StatusLine.erase()
+            typer.echo(line, err=True)
 
 
 def tell(text: object) -> None:
@@ -45,15 +74,21 @@ def tell(text: object) -> None:
 
 
 class LogNotes(logging.Handler):
-    """Prints what is logged as notes."""
+    """Prints what is logged as notes: warnings, of a verbose program also from level INFO on."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one record."""
-        note(record.getMessage())
+        text = record.getMessage()
+        if record.levelno >= logging.ERROR:
+            complain(text)
+        elif record.levelno >= logging.WARNING or TALK.verbose:
+            note(text)
+        elif TALK.log is not None:
+            TALK.log(short_line(text))
 
 
 class _BarStream(io.TextIOBase):
-    """The stderr of this moment, for progress bars, which end with its terminal and not before."""
+    """The stderr of this moment; a step goes on when its terminal is gone."""
 
     def write(self, text: str) -> int:
         with suppress(OSError):
@@ -72,7 +107,7 @@ class _BarStream(io.TextIOBase):
 
 
 BAR_STREAM = cast("TextIO", _BarStream())
-"""Where progress bars go."""
+"""Where the state of steps goes."""
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -91,50 +126,53 @@ def print_found(
         tell(line)
 
 
-@contextmanager
-def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress]:
-    """Show a progress bar of `steps` steps with the estimated time left.
+class StatusLine:
+    """The state of a step on stderr.
 
-    Nothing is shown if stderr is not a terminal or `shown` is false.
+    On a terminal it is one line that is written over, cut to the terminal's width. Without a
+    terminal it is a line of its own: the first after 5 s, then one a minute. A quiet program
+    shows none.
+
+    Args:
+        shown: Whether to show anything.
     """
-    if not (shown and sys.stderr.isatty()):
-        yield _NoBar()
-        return
-    with typer.progressbar(length=steps, label=label, file=BAR_STREAM) as bar:
-        yield bar
 
+    _standing: StatusLine | None = None
 
-def counter(label: str, *, shown: bool = True) -> Callable[[int, int], None]:
-    """A function (done, total) that shows a progress bar from its first call to its last.
+    def __init__(self, shown: bool = True) -> None:
+        self._shown = shown
+        self._is_begun = False
+        self._next_s = time.monotonic() + (_TERMINAL_S if BAR_STREAM.isatty() else _FIRST_LINE_S)
 
-    Nothing is shown if stderr is not a terminal or `shown` is false. When all is done, the next
-    call starts another bar.
-    """
-    bar: Any = None
+    def show(self, text: Callable[[], str], *, last: bool = False) -> None:
+        """Show the state if it is time for it.
 
-    def tell(done: int, total: int) -> None:
-        nonlocal bar
-        if not (shown and sys.stderr.isatty()):
+        Args:
+            text: Gives one line.
+            last: Whether it is the last one, which is shown if an earlier one was.
+        """
+        now_s = time.monotonic()
+        is_due = self._is_begun if last else now_s >= self._next_s
+        if TALK.quiet or not self._shown or not is_due:
             return
-        if bar is None:
-            bar = typer.progressbar(length=total, label=label, file=BAR_STREAM).__enter__()
-        bar.update(done - bar.pos)
-        if done == total:
-            bar.render_finish()
-            bar = None
+        self._is_begun = True
+        if not BAR_STREAM.isatty():
+            self._next_s = now_s + _LINES_S
+            _write(short_line(text()) + "\n")
+            return
+        self._next_s = now_s + _TERMINAL_S
+        line = one_line(text())[: shutil.get_terminal_size().columns - 1]
+        _write(_ERASE + line + ("\n" if last else ""))
+        StatusLine._standing = None if last else self
 
-    return tell
+    @classmethod
+    def erase(cls) -> None:
+        """Make place for a line of text."""
+        standing, cls._standing = cls._standing, None
+        if standing is not None:
+            _write(_ERASE)
 
 
-def track(
-    items: Iterable[_T], label: str, count: int | None = None, *, shown: bool = True
-) -> Iterator[_T]:
-    """Yield the items and show a progress bar, as `progress` does.
-
-    Without `count`, the bar only shows that work is going on.
-    """
-    if not (shown and sys.stderr.isatty()):
-        yield from items
-        return
-    with typer.progressbar(items, length=count, label=label, file=BAR_STREAM) as bar:
-        yield from bar
+def _write(text: str) -> None:
+    BAR_STREAM.write(text)
+    BAR_STREAM.flush()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import wraps
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from basetree.settings.base import metadata_of
 from basetree.settings.words import field_words
@@ -28,6 +30,7 @@ def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
     - as `option_of` makes it from the field itself, so that a class of settings is a group too
 
     A group may name an `option_prefix` such as "mqtt_" that goes before the names of its fields.
+    In the help they stand under the heading that the class names as `panel`.
     """
     hints = get_type_hints(command, include_extras=True)
     members: dict[str, list[str]] = {}
@@ -68,8 +71,9 @@ def option_of(settings: type, name: str, *, default: str = "") -> Any:
     (entry,) = (each for each in fields(settings) if each.name == name)
     metadata = metadata_of(settings, entry)
     names, metavar = metadata.get("option", ((), None))
+    metavar = "NAME" if metavar is None and "names" in metadata else metavar
     notes = [metadata["expected"]] if "expected" in metadata else []
-    default = default or _default(entry)
+    default = default or metadata.get("shown_default") or _default(entry)
     notes += [f"default: {default}"] if default else []
     words = field_words(settings).get(name, "").replace("`", "")
     help_text = f"{words} [{'; '.join(notes)}]" if notes else words
@@ -97,7 +101,19 @@ def _parameters_of(group: Any) -> Iterator[inspect.Parameter]:
                 continue
             hint = Annotated[_typed(hint), option_of(source, entry.name)]
         kind = inspect.Parameter.KEYWORD_ONLY
+        if heading := getattr(group, "panel", ""):
+            hint = _under(heading, hint)
         yield inspect.Parameter(prefix + entry.name, kind, default=entry.default, annotation=hint)
+
+
+def _under(heading: str, hint: Any) -> Any:
+    """The annotation of an option, which stands under a heading of the help if it has none yet."""
+    kind, *known = get_args(hint)
+    for index, each in enumerate(known):
+        if isinstance(each, OptionInfo) and each.rich_help_panel is None:
+            known[index] = copy(each)
+            known[index].rich_help_panel = heading
+    return Annotated[(kind, *known)]
 
 
 def _typed(hint: Any) -> Any:

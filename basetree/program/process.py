@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,7 +19,9 @@ from typing import Any, NoReturn, TextIO
 import typer
 
 from basetree.errors import short_line
-from basetree.program.console import LogNotes, note
+from basetree.program.console import TALK, LogNotes, complain, note
+from basetree.program.progress import duration
+from basetree.program.talking import end_talk
 
 _FAILED = 1
 _BAD_INPUT = 2
@@ -49,6 +52,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
     stdout = _open_streams(name)
     logging.lastResort = LogNotes(logging.WARNING)
     sys.excepthook = _show_bug
+    start_s = time.monotonic()
     with _interruptible() as ending_signal:
         try:
             code = run() or 0
@@ -59,11 +63,14 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         except Exception as error:  # noqa: BLE001 raised again if it is a bug
             code = _report(name, error)
         if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
-            note(f"{name}: interrupted{resume}")
+            complain(f"{name}: interrupted{resume}")
             code = 128 + (ending_signal() or signal.SIGINT)
         fault = _fault(stdout)
         if fault is not None and code == 0:
             code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
+        if TALK.verbose:
+            note(f"{name}: exit code {code} after {duration(time.monotonic() - start_s)}")
+        end_talk()
         for stream in (stdout, sys.stderr):
             _discard_rest(stream)
         sys.exit(code)  # type: ignore[arg-type]
@@ -74,7 +81,7 @@ def _open_streams(name: str) -> TextIO:
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     if sys.stdout is None:
-        note(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
+        complain(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
         sys.exit(_BAD_INPUT)
     is_own = sys.stdout is sys.__stdout__  # else another program captures the output
     if is_own:
@@ -172,11 +179,13 @@ def _report(name: str, error: Exception) -> int:
     """Print an error that is meant for the user and return its exit code; raise others."""
     code: int | None = getattr(error, "exit_code", None)
     if code is not None:
-        note(f"{name}: {_one_line(error)}")
+        complain(f"{name}: {_one_line(error)}")
+        if TALK.verbose:
+            _show_bug(type(error), error, error.__traceback__)
         return code
     if not isinstance(error, OSError) or error.errno is None:
         raise error
-    note(f"{name}: {error.filename or 'output'}: {error.strerror}")
+    complain(f"{name}: {error.filename or 'output'}: {error.strerror}")
     return _BAD_INPUT
 
 
@@ -191,7 +200,7 @@ def _one_line(error: Exception) -> str:
 def _show_bug(*raised: Any) -> None:
     """Print the traceback of an error."""
     for line in "".join(traceback.format_exception(*raised)).splitlines():
-        note(line)
+        complain(line)
 
 
 def _fault(stream: TextIO) -> OSError | None:

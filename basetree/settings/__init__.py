@@ -22,6 +22,7 @@ from basetree.settings.metadata import (
     limits,
     names,
     option,
+    shown_default,
     weights,
 )
 from basetree.settings.words import field_words
@@ -37,5 +38,6 @@ __all__ = [
     "limits",
     "names",
     "option",
+    "shown_default",
     "weights",
 ]

@@ -24,6 +24,11 @@ def option(*names: str, metavar: str | None = None) -> Metadata:
     return {"option": (names, metavar)}
 
 
+def shown_default(words: str) -> Metadata:
+    """Say in the help what a setting is if it is not given, where its default does not."""
+    return {"shown_default": words}
+
+
 def label(name: str) -> Metadata:
     """Name a setting in messages, where the name of its field does not do."""
     return {"label": name}

@@ -9,19 +9,15 @@ the time. Accuracy on the same frames has no noise.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any, Final
 
-import numpy as np
-
 from basetree.errors import InputError
+from edgetree.bench.noise import LEAST_SHARE, noise_of
 from edgetree.bench.stored import StoredResult, StoredRow
 
-LEAST_SHARE: Final = 0.03
-"""Smallest change of a time that counts, as a share of it."""
 LEAST_AP: Final = 0.1
 """Smallest loss of average precision that counts, in points."""
 
@@ -140,22 +136,12 @@ def compare_results(old: StoredResult, new: StoredResult) -> ResultChange:
 def _change(key: str, old: StoredRow, new: StoredRow) -> RowChange:
     old_ms, new_ms = _round_times(old), _round_times(new)
     was, now = median(old_ms), median(new_ms)
-    noise = max(LEAST_SHARE, _noise(old_ms) + _noise(new_ms))
+    noise = max(LEAST_SHARE, noise_of(old_ms) + noise_of(new_ms))
     return RowChange(key, round(was, 3), round(now, 3), now / was, noise, _lost(old, new))
 
 
 def _round_times(row: StoredRow) -> list[float]:
     return [each.p50_ms for each in row.rounds]
-
-
-def _noise(times_ms: Sequence[float]) -> float:
-    """About 2.7 standard deviations of the median of the rounds, as a share of it.
-
-    The standard deviation of a median of n normal values is 0.93 times the range of their middle
-    half, divided by the root of n.
-    """
-    low, high = np.percentile(times_ms, (25, 75))
-    return 2.5 * float(high - low) / math.sqrt(len(times_ms)) / median(times_ms)
 
 
 def _lost(old: StoredRow, new: StoredRow) -> dict[str, float]:

@@ -105,6 +105,10 @@ class NetworkFiles(Settings, error=InputError):
                     found.append(NetworkFile(network, precision, width, height, path))
         return found
 
+    def missing(self) -> list[NetworkFile]:
+        """The files that are not in the folder."""
+        return [file for file in self.files() if not file.path.is_file()]
+
     def export_missing(self, say: Say) -> None:
         """Export the files that are missing, with untrained weights.
 
@@ -116,7 +120,7 @@ class NetworkFiles(Settings, error=InputError):
             SignatureError: a file is missing, and signatures are required.
             MissingPackage: a file is missing and torch is not installed.
         """
-        missing = [file for file in self.files() if not file.path.is_file()]
+        missing = self.missing()
         for file in missing:
             if file.network not in NETWORKS:
                 raise InputError(
@@ -136,8 +140,11 @@ class NetworkFiles(Settings, error=InputError):
                 " which is required here: expected signed files"
             )
         with output_folder(self.folder):
-            for file in missing:
-                say(f"exporting {file.network} with untrained weights to {file.path}")
+            for number, file in enumerate(missing, start=1):
+                say(
+                    f"exporting {number} of {len(missing)}: {file.network} with untrained weights"
+                    f" to {file.path}"
+                )
                 wanted = ExportSettings(
                     height=file.height,
                     width=file.width,

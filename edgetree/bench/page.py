@@ -9,13 +9,17 @@ from typing import Any, Final
 from basetree.counts import counted
 from basetree.page import parts
 from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
-from edgetree.bench.result import notes, size_text
+from edgetree.bench.result import notes, row_label, size_text
+from edgetree.bench.winner import fastest_rows, frame_ms
 
-_COLUMNS: Final = (
-    *("model", "size px", "precision", "provider", "threads", "batch", "multiply-adds G"),
-    *("FLOPs G", "parameters M", "file MB", "load ms", "p50 ms", "p90 ms", "p99 ms", "FPS"),
-    *("memory MiB", "share of peak", "J a frame", "box AP", "mask AP", "keypoint AP"),
-    "diameter error mm",
+_NAMES: Final = ("model", "threads", "precision", "batch", "size px")
+_SPEED: Final = (
+    *(*_NAMES[:2], "p50 ms", "FPS", "box AP", "diameter error mm", "p90 ms", "p99 ms", "mask AP"),
+    *("keypoint AP", *_NAMES[2:]),
+)
+_COST: Final = (
+    *(*_NAMES[:2], "memory MiB", "file MB", "load ms", "multiply-adds G", "parameters M"),
+    *("share of peak", "J a frame", "provider", *_NAMES[2:]),
 )
 _PAPER: Final = (
     *("network", "classifier: parameters M", "paper", "multiply-adds G", "paper", "FPS here"),
@@ -29,31 +33,26 @@ Record = Mapping[str, Any]
 def page_html(result: Record) -> Iterator[str]:
     """The page in parts; it needs no network and no script."""
     rows = result["rows"]
-    fastest = min(rows, key=lambda row: row["p50_ms"] / row["batch"])
     yield parts.start("edgetree bench") + "<h1>Speed of tree detectors</h1>"
     yield "".join(parts.note(escape(line)) for line in notes(result))
-    yield parts.tiles(
-        [
-            (f"{fastest['p50_ms'] / fastest['batch']:.1f} ms", f"fastest: {_label(fastest)}"),
-            (f"{max(row['fps'] for row in rows):.1f}", "most frames a second"),
-            (str(len(rows)), "variants measured in turn"),
-        ]
-    )
+    yield parts.tiles(_tiles(result))
     if points := list(_front_points(rows)):
         yield parts.heading("Accuracy and speed") + parts.grid([front_chart(points)], "halves")
-    yield parts.heading("All figures") + parts.table(_COLUMNS, map(_cells, rows))
+    yield parts.heading("Speed and accuracy") + parts.table(_SPEED, map(_speed_cells, rows))
+    yield parts.heading("Cost", "FLOPs are twice the multiply-adds.")
+    yield parts.table(_COST, map(_cost_cells, rows))
     yield parts.heading("Where the time goes")
     yield "<p>Reading the file, preparing the picture, the parts of the network, reading its "
     yield "outputs, and measuring in metres; one frame at a time. Bars show shares of the time.</p>"
     single = [row for row in rows if row["batch"] == min(other["batch"] for other in rows)]
-    yield parts.card("", stages_chart([(_label(row), row["stages_ms"]) for row in single]))
+    yield parts.card("", stages_chart([(row_label(row), row["stages_ms"]) for row in single]))
     yield parts.heading("Operators") + "".join(_operators(row) for row in single)
     yield parts.heading("How the times vary")
-    yield parts.grid(histogram_chart(_label(row), row["histogram"]) for row in rows)
+    yield parts.grid(histogram_chart(row_label(row), row["histogram"]) for row in rows)
     hot = [row for row in rows if row.get("heat")]
     if hot:
         yield parts.heading("A long run")
-        yield parts.grid(heat_chart(_label(row), row["heat"]) for row in hot)
+        yield parts.grid(heat_chart(row_label(row), row["heat"]) for row in hot)
     compared = [row for row in rows if row["paper"]]
     if compared:
         yield parts.heading("Beside the paper") + "<p>Grondin et al. (2022) count parameters and "
@@ -61,11 +60,6 @@ def page_html(result: Record) -> Iterator[str]:
         yield f"simulated frames, speed on an {escape(result['paper_gpu'])}.</p>"
         yield parts.table(_PAPER, map(_paper_cells, compared))
     yield parts.end()
-
-
-def _label(row: Record) -> str:
-    text = f"{row['name']} {row['precision']} {size_text(row)}, {counted(row['threads'], 'thread')}"
-    return text if row["batch"] == 1 else f"{text}, batch {row['batch']}"
 
 
 def _front_points(rows: Sequence[Record]) -> Iterator[tuple[str, float, float]]:
@@ -78,27 +72,51 @@ def _front_points(rows: Sequence[Record]) -> Iterator[tuple[str, float, float]]:
             yield f"{row['name']}{threads}", row["p50_ms"], ap
 
 
-def _cells(row: Record) -> list[str]:
+def _tiles(result: Record) -> Iterator[tuple[str, str]]:
+    rows, fastest = result["rows"], fastest_rows(result)
+    if len(fastest) == 1:
+        yield f"{frame_ms(fastest[0]):.1f} ms", f"fastest: {row_label(fastest[0])}"
+    elif fastest:
+        yield f"{min(map(frame_ms, fastest)):.1f} ms", f"{len(fastest)} variants, equally fast"
+    else:
+        yield "no fastest", "the machine was busy with other work"
+    yield f"{max(row['fps'] for row in rows):.1f}", "most frames a second"
+    yield str(len(rows)), "variants measured in turn"
+
+
+def _names(row: Record) -> list[str]:
+    return [row["name"], str(row["threads"]), row["precision"], str(row["batch"]), size_text(row)]
+
+
+def _speed_cells(row: Record) -> list[str]:
     accuracy = row.get("accuracy") or {}
-    share = row["share_of_peak"]
+    name, threads, *others = _names(row)
     return [
-        row["name"],
-        size_text(row),
-        row["precision"],
-        row["provider"],
-        str(row["threads"]),
-        str(row["batch"]),
-        f"{row['graph_multiply_adds'] / 1e9:.2f}",
-        f"{row['graph_flops'] / 1e9:.2f}",
-        _number(row["parameters"] and row["parameters"] / 1e6, 2),
+        name,
+        threads,
+        *(f"{row[key]:.2f}" for key in ("p50_ms", "fps")),
+        *(_number(accuracy.get(key), 1) for key in ("box_ap", "diameter_error_mm")),
+        *(f"{row[key]:.2f}" for key in ("p90_ms", "p99_ms")),
+        *(_number(accuracy.get(key), 1) for key in ("mask_ap", "keypoint_ap")),
+        *others,
+    ]
+
+
+def _cost_cells(row: Record) -> list[str]:
+    share = row["share_of_peak"]
+    name, threads, *others = _names(row)
+    return [
+        name,
+        threads,
+        _number(row["peak_memory_mib"], 0),
         f"{row['file_bytes'] / 1e6:.1f}",
         f"{row['load_ms']:.0f}",
-        *(f"{row[key]:.2f}" for key in ("p50_ms", "p90_ms", "p99_ms", "fps")),
-        _number(row["peak_memory_mib"], 0),
+        f"{row['graph_multiply_adds'] / 1e9:.2f}",
+        _number(row["parameters"] and row["parameters"] / 1e6, 2),
         "-" if share is None else f"{100 * share:.0f} %",
         _number(row["energy_j_per_frame"], 3),
-        *(_number(accuracy.get(key), 1) for key in ("box_ap", "mask_ap", "keypoint_ap")),
-        _number(accuracy.get("diameter_error_mm"), 1),
+        row["provider"],
+        *others,
     ]
 
 
@@ -135,4 +153,4 @@ def _operators(row: Record) -> str:
         for each in row["operators"][:_OPERATORS]
     )
     content = parts.table(("operator", "runs on", "nodes", "ms", "share"), rows)
-    return f"<details><summary>{escape(_label(row))}</summary>{content}</details>"
+    return f"<details><summary>{escape(row_label(row))}</summary>{content}</details>"

@@ -12,6 +12,7 @@ from edgetree.bench.stages import STAGES
 _SIZE_PX: Final = (380, 240)
 _FRONT_PX: Final = (560, 300)
 _STAGES_WIDTH_PX: Final = 920
+_RATIO: Final = 4  # of the longest to the shortest time from which on their axis is logarithmic
 
 Record = Mapping[str, Any]
 
@@ -25,12 +26,16 @@ def front_chart(points: Sequence[tuple[str, float, float]]) -> str:
     for _, ms, ap in sorted(points, key=lambda each: (each[1], -each[2])):
         if not best or ap > best[-1][1]:
             best.append((ms, ap))
+    times_ms, aps = [ms for _, ms, _ in points], [ap for *_, ap in points]
+    across = Axis.logarithmic if max(times_ms) > _RATIO * min(times_ms) else Axis.rounded
     plot = charts.Plot(
-        Axis.rounded(0, max(ms for _, ms, _ in points), "ms of a frame"),
-        Axis.rounded(0, max(ap for *_, ap in points), "box AP, %"),
+        across(min(times_ms), max(times_ms), "ms of a frame"),
+        Axis.rounded(min(aps) - 1, max(aps) + 1, "box AP, %"),
         _FRONT_PX,
     )
-    marks = (plot.dot(ms, ap, f"{name}: {ms:.1f} ms, {ap:.1f} AP", name) for name, ms, ap in points)
+    marks = plot.named_dots(
+        (ms, ap, f"{name}: {ms:.1f} ms, {ap:.1f} AP", name) for name, ms, ap in points
+    )
     name = "Box AP and time of a frame"
     return parts.card(name, plot.svg(name, charts.series(0, plot.line(best), *marks)))
 
@@ -79,4 +84,5 @@ def stages_chart(rows: Sequence[tuple[str, Record]]) -> str:
         times_ms = {stage: stages[stage] or 0.0 for stage in STAGES}
         parts = [charts.Part(ms, stage, f"{stage}: {ms:.2f} ms") for stage, ms in times_ms.items()]
         bars.append((f"{name}: {sum(times_ms.values()):.1f} ms", parts))
-    return charts.stacked_bars("stages", bars, _STAGES_WIDTH_PX)
+    chart = charts.stacked_bars("stages", bars, _STAGES_WIDTH_PX)
+    return f'<div class="scroll">{chart}</div>'

@@ -10,6 +10,7 @@ from typing import Any, Final
 from basetree.counts import counted
 from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
+from edgetree.bench.winner import verdict
 from edgetree.results.csv_cells import text_cell
 
 SCHEMA: Final = "edgetree.bench/2"
@@ -60,9 +61,9 @@ def make_result(
     rows = []
     for row, network in zip(measured["rows"], networks, strict=True):
         paper = None if network is None else PAPER.get(network)
-        counted = row["graph_multiply_adds"]
+        multiply_adds = row["graph_multiply_adds"]
         given = {"network": network, "paper": paper and paper.to_dict()}
-        rows.append({**row, "graph_flops": 2 * counted, **given})
+        rows.append({**row, "graph_flops": 2 * multiply_adds, **given})
     return {
         "schema": SCHEMA,
         "environment": dict(environment),
@@ -78,6 +79,12 @@ def size_text(row: Record) -> str:
     """The input size of a row, such as "640x384"."""
     width, height = row["input_px"]
     return f"{width}x{height}"
+
+
+def row_label(row: Record) -> str:
+    """What tells a row from the others, for people."""
+    text = f"{row['name']} {row['precision']} {size_text(row)}, {counted(row['threads'], 'thread')}"
+    return text if row["batch"] == 1 else f"{text}, batch {row['batch']}"
 
 
 def csv_text(result: Record) -> str:
@@ -133,6 +140,8 @@ def _cells(row: Record) -> list[str]:
 def notes(result: Record) -> Iterator[str]:
     """Lines that say where, when and how a result was measured."""
     environment, method = result["environment"], result["method"]
+    if told := verdict(result, [row_label(row) for row in result["rows"]]):
+        yield told
     yield (
         f"{environment['processor']}, {environment['usable_cores']} cores, onnxruntime"
         f" {environment['onnxruntime']}, {environment['date']}. Median of {method['rounds']} rounds"

@@ -87,13 +87,26 @@ class BenchSettings(Settings, error=InputError):
         )
 
 
-def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: Say) -> Record:
+def count_runs(variants: Sequence[Variant], settings: BenchSettings) -> int:
+    """The number of processes that `measure_variants` runs."""
+    peaks = len({variant.threads for variant in variants})
+    details = len({(variant.path, variant.threads) for variant in variants})
+    return peaks + details + len(variants) * (settings.rounds + bool(settings.minutes))
+
+
+def measure_variants(
+    variants: Sequence[Variant],
+    settings: BenchSettings,
+    say: Say,
+    ended: Callable[[], object] = lambda: None,
+) -> Record:
     """Measure variants in turn.
 
     Args:
         variants: What to measure.
         settings: How to measure.
         say: Called with progress messages.
+        ended: Called after each process.
 
     Returns:
         `peak` by number of threads, and `rows`, one for each variant.
@@ -102,20 +115,26 @@ def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: 
         CheckFailed: a process failed.
         InputError: a process rejected its input.
     """
+
+    def run(job: Job) -> Any:
+        found = _run(job)
+        ended()
+        return found
+
     counts = sorted({variant.threads for variant in variants})
     say("measuring the machine's matrix products")
     peak_s = min(settings.duration_s, _PEAK_S)
-    peak = {str(count): _run(Job("peak", count, duration_s=peak_s)) for count in counts}
+    peak = {str(count): run(Job("peak", count, duration_s=peak_s)) for count in counts}
     details: dict[tuple[Path, int], Record] = {}
     for variant in variants:
         if (variant.path, variant.threads) not in details:
             say(f"cost and stages: {variant.name}, {counted(variant.threads, 'thread')}")
-            details[variant.path, variant.threads] = _run(settings.job("detail", variant))
+            details[variant.path, variant.threads] = run(settings.job("detail", variant))
     rounds: list[list[Record]] = [[] for _ in variants]
     for number in range(1, settings.rounds + 1):
         say(f"round {number} of {settings.rounds}")
         for variant, done in zip(variants, rounds, strict=True):
-            done.append(_run(settings.job("round", variant, settings.duration_s)))
+            done.append(run(settings.job("round", variant, settings.duration_s)))
     rows = [
         _row(variant, details[variant.path, variant.threads], done, peak[str(variant.threads)])
         for variant, done in zip(variants, rounds, strict=True)
@@ -123,7 +142,7 @@ def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: 
     if settings.minutes:
         for variant, row in zip(variants, rows, strict=True):
             say(f"{settings.minutes:g} minutes without a pause: {variant}")
-            row["heat"] = _run(settings.job("heat", variant, settings.minutes * 60))["points"]
+            row["heat"] = run(settings.job("heat", variant, settings.minutes * 60))["points"]
     return {"peak": peak, "rows": rows}
 
 

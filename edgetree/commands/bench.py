@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.counts import counted
-from basetree.program.console import note, print_found
+from basetree.program.console import complain, note, print_found
 from basetree.program.options import expand_groups, given
+from basetree.program.progress import Progress, steps_shown
 from edgetree.commands.bench_options import BenchFiles, MeasureOptions, NetworkOptions
 from edgetree.commands.options import Json
 
@@ -31,9 +32,8 @@ def bench(
         list[str] | None,
         typer.Argument(
             metavar="[MODEL]...",
-            help="Exported .onnx files, or names that `edgetree models` lists; the packaged models"
-            " if not given.",
-            show_default=False,
+            help="Exported .onnx files, or names that `edgetree models` lists.",
+            show_default="the packaged models",
         ),
     ] = None,
     *,
@@ -43,8 +43,10 @@ def bench(
         Path | None,
         typer.Option(
             metavar="DATASET",
-            help="Labelled dataset whose split test gives the accuracy; the models' cards if not"
-            " given. Needs the packages for training.",
+            help="Labelled dataset whose split test gives the accuracy. Needs the packages for"
+            " training.",
+            show_default="the models' cards",
+            rich_help_panel="Measuring",
         ),
     ] = None,
     files: BenchFiles,
@@ -89,7 +91,7 @@ def _network_files(listed: NetworkFiles) -> list[_Chosen]:
     from edgetree.catalogue import known_models
 
     try:
-        listed.export_missing(note)
+        _export_missing(listed)
     except MissingPackage as error:
         found = [file for file in listed.files() if file.path.is_file()]
         chosen = [(file.network, file.path, file.network) for file in found]
@@ -101,8 +103,20 @@ def _network_files(listed: NetworkFiles) -> list[_Chosen]:
             raise
         note(f"using the files that are there: {error}")
         return list(chosen)
-    note(f"models: {listed.folder}")
     return [(file.network, file.path, file.network) for file in listed.files()]
+
+
+def _export_missing(listed: NetworkFiles) -> None:
+    """Export the networks without a file, and say first which are there and which are not."""
+    missing = listed.missing()
+    there = len(listed.files()) - len(missing)
+    note(f"{there} of {counted(len(listed.files()), 'file')} found in {listed.folder}, used again")
+    if not missing:
+        return
+    names = ", ".join(each.path.name for each in missing)
+    note(f"exported before the measurement, which takes minutes each: {names}")
+    with steps_shown("exporting") as say:
+        listed.export_missing(say)
 
 
 def _settings(measure: MeasureOptions) -> BenchSettings:
@@ -153,12 +167,16 @@ def _result(
     data: Path | None,
     frames: int,
 ) -> dict[str, Any]:
+    from basetree.program.load import busy_words
     from edgetree.bench.result import make_result
-    from edgetree.bench.rounds import measure_variants
+    from edgetree.bench.rounds import count_runs, measure_variants
     from edgetree.commands.bench_accuracy import accuracy_of
 
     environment = _environment()
-    measured = measure_variants(variants, settings, note)
+    if busy := busy_words(environment["busy_cores"], environment["cores"]):
+        complain(f"{busy}: times will be too long, and no variant will be called the fastest")
+    with Progress("measuring", count_runs(variants, settings), "run") as step:
+        measured = measure_variants(variants, settings, note, lambda: step.update(1))
     known: dict[Path, Any] = {}
     for variant, row in zip(variants, measured["rows"], strict=True):
         if variant.path not in known:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edgetree.commands.options import Provider, Strict
+from edgetree.commands.options import RESULTS, Provider, Strict
 
 if TYPE_CHECKING:
     from edgetree.bench.files import NetworkFiles
@@ -18,10 +18,14 @@ if TYPE_CHECKING:
 class MeasureOptions:
     """How to measure."""
 
+    panel = "Measuring"
+
     threads: Annotated[
         str | None,
         typer.Option(
-            metavar="LIST", help="Threads of one inference, such as 1,2; all cores if not given."
+            metavar="LIST",
+            help="Threads of one inference, such as 1,2.",
+            show_default="all cores",
         ),
     ] = None
     batch: Annotated[
@@ -34,7 +38,7 @@ class MeasureOptions:
     ] = "1"
     frames: Annotated[
         Path | None,
-        typer.Option(help="Frames as for `run`, up to 16; the packaged samples if not given."),
+        typer.Option(help="Frames as for `run`, up to 16.", show_default="the packaged samples"),
     ] = None
     seconds: Annotated[
         float,
@@ -71,42 +75,48 @@ class MeasureOptions:
 class NetworkOptions:
     """Networks by name."""
 
+    panel = "Networks by name"
+
     backbones: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
             help="Measure networks by name, such as r50,r101,x101-32x8d,edge-n, beside the paper's"
-            " table. Those without a file in --models are exported with untrained weights.",
+            " table. Those without a file in --models are first exported with untrained weights,"
+            " minutes each, and kept for the next time; or run `edgetree export` before and give"
+            " its files as MODEL.",
         ),
     ] = None
     models: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
-            " folder if not given.",
+            help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files.",
+            show_default="your cache folder",
         ),
     ] = None
     precision: Annotated[
         str | None,
         typer.Option(
-            metavar="LIST", help="With --backbones: of fp32 (the default), fp16 and int8."
+            metavar="LIST",
+            help="With --backbones: of fp32, fp16 and int8.",
+            show_default="fp32",
         ),
     ] = None
     size: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="With --backbones: input sizes in px, such as 640x384,800x800; 800x800 if not"
-            " given.",
+            help="With --backbones: input sizes in px, such as 640x384,800x800.",
+            show_default="800x800",
         ),
     ] = None
     proposals: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="With --backbones: region proposals per frame; each network's default if not"
-            " given.",
+            help="With --backbones: region proposals per frame.",
+            show_default="each network's",
         ),
     ] = None
 
@@ -139,11 +149,15 @@ class NetworkOptions:
 class BenchFiles:
     """Where the result goes."""
 
+    panel = RESULTS
+
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE.json", help="Write the result, for `edgetree compare`."),
     ] = None
-    csv: Annotated[Path | None, typer.Option(help="Write the rows as CSV.")] = None
+    csv: Annotated[Path | None, typer.Option(metavar="FILE.csv", help="Write the rows as CSV.")] = (
+        None
+    )
     markdown: Annotated[Path | None, typer.Option(help="Write the rows as a Markdown table.")] = (
         None
     )

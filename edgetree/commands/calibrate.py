@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.counts import counted
-from basetree.program.console import note, print_json, tell, track
+from basetree.program.console import note, print_json, tell
+from basetree.program.progress import track
 from edgetree.commands.options import Json, quoted
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ _Board: TypeAlias = Annotated[
     ),
 ]
 _Lens: TypeAlias = Annotated[
-    str, typer.Option(help="Lens model: radtan, or fisheye for fields of view from 120 degrees.")
+    str,
+    typer.Option(
+        metavar="NAME", help="Lens model: radtan, or fisheye for fields of view from 120 degrees."
+    ),
 ]
 _Out: TypeAlias = Annotated[Path, typer.Option(help="The camera file (JSON) to write.")]
 _Depth: TypeAlias = Annotated[

@@ -8,7 +8,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from basetree.counts import counted
+from basetree.program.command_line import show_help
 from basetree.program.console import tell
+from basetree.program.help import new_app
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
 from edgetree.commands.live import ModelOptions, checked_set_up, live
@@ -23,15 +25,16 @@ from edgetree.sinks.mqtt_settings import MqttSettings
 
 _HIDDEN: Final = frozenset({"token"})
 
-config = typer.Typer(
-    name="config",
-    help="Check and show the set-up file of `edgetree live --config`.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+config = new_app("Check and show the set-up file of `edgetree live --config`.")
 
 
-@config.command()
+@config.callback(invoke_without_command=True)
+def options(context: typer.Context) -> None:
+    """Print the help if no command is given."""
+    show_help(context)
+
+
+@config.command(epilog="edgetree config check edgetree.toml")
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The set-up file.")],
 ) -> None:
@@ -50,7 +53,7 @@ def check(
     tell(f"{file}: {counted(len(setup.lines), 'setting')}, all valid")
 
 
-@config.command()
+@config.command(epilog="edgetree config show edgetree.toml")
 def show(
     file: Annotated[
         Path | None,

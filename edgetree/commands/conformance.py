@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.counts import counted
+from basetree.program.command_line import show_help
 from basetree.program.console import note, print_found, print_json, tell
+from basetree.program.help import new_app
 from edgetree.commands.options import Json, Provider, Threads
 
 if TYPE_CHECKING:
@@ -18,19 +20,23 @@ if TYPE_CHECKING:
 
 _MOST_LINES = 20
 
-conformance = typer.Typer(
-    name="conformance",
-    help="Check that a program in another language finds the same trees with a model file.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+conformance = new_app(
+    "Check that a program in another language finds the same trees with a model file."
 )
+
+
+@conformance.callback(invoke_without_command=True)
+def options(context: typer.Context) -> None:
+    """Print the help if no command is given."""
+    show_help(context)
+
 
 _Kit: TypeAlias = Annotated[
     Path, typer.Argument(metavar="KIT", help="Folder of `edgetree conformance make`.")
 ]
 
 
-@conformance.command()
+@conformance.command(epilog="edgetree conformance make edge-n-rgb --out kit")
 def make(
     model: Annotated[
         str,
@@ -76,7 +82,7 @@ def make(
     note(f"next: a program that writes RESULTS.json; edgetree conformance check {out} RESULTS.json")
 
 
-@conformance.command()
+@conformance.command(epilog="edgetree conformance run kit --out results.json")
 def run(
     kit: _Kit,
     *,
@@ -93,7 +99,7 @@ def run(
     note(f"next: edgetree conformance check {kit} {out}")
 
 
-@conformance.command()
+@conformance.command(epilog="edgetree conformance check kit results.json")
 def check(
     kit: _Kit,
     results: Annotated[

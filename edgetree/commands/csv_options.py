@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from edgetree.commands.options import RESULTS
+
 if TYPE_CHECKING:
     from edgetree.results.csv_style import CsvStyle
 
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class CsvOptions:
     """How CSV tables are written."""
+
+    panel = RESULTS
 
     csv_style: Annotated[
         str,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,13 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.counts import counted
-from basetree.program.console import BAR_STREAM, note, print_json, tell
+from basetree.program.console import StatusLine, note, print_json, tell
+from basetree.program.progress import duration
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
     from edgetree.demo import DemoResult, NextCommand, Progress
-
-_STEPS = 200
 
 
 def demo(
@@ -71,29 +71,20 @@ def _check_no_signature_required() -> None:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """A progress bar on stderr; without a terminal, a line for each step."""
-    said = ""
-    shown = 0
+    """Shows share and time left; without a terminal, also a line for each step."""
+    said, start_s, line = "", time.monotonic(), StatusLine()
 
     def tell(share: float, what: str) -> None:
         nonlocal said
-        if what != said:
+        if what != said and not sys.stderr.isatty():
             note(f"{share:4.0%}  {what}")
-            said = what
+        said = what
+        taken_s = time.monotonic() - start_s
+        left = f", {duration(taken_s * (1 - share) / share)} left" if share > 0 else ""
+        line.show(lambda: f"{share:4.0%}  {what}{left}", last=share >= 1)
 
-    if not sys.stderr.isatty():
-        yield tell
-        return
-    with typer.progressbar(length=_STEPS, label="starting", file=BAR_STREAM) as bar:
-
-        def move(share: float, what: str) -> None:
-            nonlocal shown
-            bar.label = what
-            bar.update(max(round(share * _STEPS) - shown, 0))
-            shown = max(round(share * _STEPS), shown)
-
-        yield move
-        move(1.0, "done")
+    yield tell
+    tell(1.0, "done")
 
 
 def _summary(result: DemoResult) -> Iterator[str]:

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import Progress, note, print_json, progress, tell
+from basetree.program.console import note, print_json, tell
 from basetree.program.options import expand_groups
+from basetree.program.progress import Progress, progress
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Json, model_record
 
@@ -24,7 +25,7 @@ def evaluate(
     ],
     data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
     *,
-    split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
+    split: Annotated[str, typer.Option(metavar="NAME", help="train, val or test.")] = "test",
     fold: Annotated[int | None, typer.Option(help="Fold, for datasets with several.")] = None,
     entire_tree: Annotated[
         bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")

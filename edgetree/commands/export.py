@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from basetree.program.console import note, print_json, tell
+from basetree.program.console import complain, note, print_json, tell
 from basetree.program.options import expand_groups
+from basetree.program.progress import steps_shown
 from edgetree.commands.options import Json
 from edgetree.export.settings import ExportSettings
 
@@ -32,7 +33,9 @@ def export(
     settings: ExportSettings,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Folder of frames to calibrate fp16 and int8 on; --data if not given."),
+        typer.Option(
+            help="Folder of frames to calibrate fp16 and int8 on.", show_default="that of --data"
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -42,9 +45,9 @@ def export(
     """
     from edgetree.export import export_model
 
-    with showing_differences():
+    with showing_differences(), steps_shown("reading the checkpoint") as say:
         report = export_model(
-            checkpoint, out, data=data, settings=settings, calibration=calibration, say=note
+            checkpoint, out, data=data, settings=settings, calibration=calibration, say=say
         )
     _tell(report, as_json)
 
@@ -67,7 +70,7 @@ def showing_differences() -> Iterator[None]:
     try:
         yield
     except ParityFailed as error:
-        note(error.report.table())
+        complain(error.report.table())
         raise
 
 

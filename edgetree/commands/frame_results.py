@@ -11,7 +11,8 @@ from typing import Final
 
 from basetree.counts import counted
 from basetree.errors import CheckFailed, InputError, short_line
-from basetree.program.console import LogNotes, note, track
+from basetree.program.console import LogNotes, complain, note
+from basetree.program.progress import track
 from calib.depth.range_check import RangeExponent, kind_words, range_exponent
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
@@ -65,7 +66,7 @@ class LeftOut:
         reason = short_line(" ".join(str(error).split()))
         if reason not in self.reasons:
             self.reasons.append(reason)
-            note(f"left out: {reason}")
+            complain(f"left out: {reason}")
 
     def check_some(self, results: int) -> None:
         """Raise InputError if all frames are left out."""

@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 
 from basetree.counts import counted
 from basetree.errors import CheckFailed, EdgetreeError
-from basetree.program.console import note
+from basetree.program.console import complain
 
 # The same file takes results again when there is space, or when somebody reads the pipe.
 _PASSING: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EPIPE, errno.EAGAIN)
@@ -161,7 +161,7 @@ class _Output:
     def _say_again(self) -> None:
         if self.fault is not None:
             self.fault = None
-            note(f"{self.name} is written again, without {counted(self.missing, 'frame')}")
+            complain(f"{self.name} is written again, without {counted(self.missing, 'frame')}")
 
 
 class GuardedOutputs:
@@ -241,7 +241,7 @@ class GuardedOutputs:
             assert failed[-1].fault is not None
             raise failed[-1].fault
         for output in failed:
-            note(output.words(self._results))
+            complain(output.words(self._results))
 
     def holds(self, name: str) -> bool:
         """Whether an output of this name was opened, and holds the results that it got."""
@@ -280,7 +280,7 @@ class GuardedOutputs:
 
     def _say(self, output: _Output) -> None:
         again = "it is tried again" if output.goes_on else "it is given up"
-        note(f"{output.name}: {output.reason}: {again}, and the other outputs go on")
+        complain(f"{output.name}: {output.reason}: {again}, and the other outputs go on")
 
 
 def _of_system(error: BaseException) -> OSError | None:

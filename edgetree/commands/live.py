@@ -23,7 +23,13 @@ from edgetree.commands.live_options import (
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
-from edgetree.commands.options import ModelByInput, ScoreThreshold, model_file, model_words
+from edgetree.commands.options import (
+    MODEL,
+    ModelByInput,
+    ScoreThreshold,
+    model_file,
+    model_words,
+)
 from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
@@ -68,6 +74,8 @@ _Source: TypeAlias = Annotated[
 @dataclass(frozen=True)
 class ModelOptions:
     """The options about the model."""
+
+    panel = MODEL
 
     model: ModelByInput = None
     score_threshold: ScoreThreshold = 0.5

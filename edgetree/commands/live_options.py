@@ -13,6 +13,9 @@ import typer
 from basetree.program.console import note
 from edgetree.commands.option_groups import RigOptions
 from edgetree.commands.options import (
+    CAMERA,
+    INPUT,
+    MEASURING,
     Camera,
     Depth,
     DepthKind,
@@ -51,7 +54,8 @@ Topic: TypeAlias = Annotated[
     typer.Option(
         metavar="ROLE=NAME",
         help="Topic of a recording for a role: colour, depth (or point clouds), camera,"
-        " depth_camera or imu. If not given, topics are found by their type, but for clouds.",
+        " depth_camera or imu.",
+        show_default="found by their type, but for clouds",
     ),
 ]
 Scene: TypeAlias = Annotated[
@@ -75,13 +79,14 @@ _Page: TypeAlias = Annotated[
 _Host: TypeAlias = Annotated[
     str,
     typer.Option(
-        help="Address that the page listens on. Any other than this machine's own needs a token."
+        metavar="ADDRESS",
+        help="Address that the page listens on. Any other than this machine's own needs a token.",
     ),
 ]
 _Port: TypeAlias = Annotated[int, typer.Option(help="Port of the page; 0 for any free one.")]
 _Token: TypeAlias = Annotated[
     str | None,
-    typer.Option(help="Token that the page asks for; a random one if needed and not given."),
+    typer.Option(help="Token that the page asks for.", show_default="a random one if needed"),
 ]
 _Serve: TypeAlias = Annotated[
     str | None,
@@ -99,6 +104,7 @@ _Odometry: TypeAlias = Annotated[
         "--odometry",
         help="In frames without a pose, find the camera's motion from the depth images too. Needs"
         " the package small_gicp.",
+        rich_help_panel=MEASURING,
     ),
 ]
 
@@ -106,6 +112,8 @@ _Odometry: TypeAlias = Annotated[
 @dataclass(frozen=True)
 class LiveSourceOptions:
     """The options about the source."""
+
+    panel = INPUT
 
     depth: Depth = None
     topic: Topic = None
@@ -185,6 +193,8 @@ def topics_by_role(texts: list[str] | None) -> dict[str, str]:
 class LiveMetresOptions:
     """The options about measuring and following."""
 
+    panel = CAMERA
+
     camera: Camera = None
     up: Up = None
     mounting: Mounting = None
@@ -233,6 +243,8 @@ class LiveMetresOptions:
 @dataclass(frozen=True)
 class LivePageOptions:
     """The options of the page, and of the service for other programs."""
+
+    panel = "Page"
 
     page: _Page = False
     host: _Host = "127.0.0.1"

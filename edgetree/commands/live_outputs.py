@@ -16,7 +16,7 @@ import typer
 
 from basetree.errors import InputError
 from basetree.program.console import note
-from edgetree.commands.options import check_report
+from edgetree.commands.options import RESULTS, check_report
 
 if TYPE_CHECKING:
     from edgetree.commands.guarded_outputs import GuardedOutputs
@@ -59,7 +59,8 @@ _MapOrigin: TypeAlias = Annotated[
     typer.Option(
         metavar="LAT,LON[,HEIGHT[,HEADING]]",
         help="Place of the map on Earth: degrees in WGS 84, metres, and direction of the map's y"
-        " axis in degrees clockwise from north. If not given, the map is in metres.",
+        " axis in degrees clockwise from north.",
+        show_default="none, the map is in metres",
     ),
 ]
 _Mqtt: TypeAlias = Annotated[
@@ -97,6 +98,8 @@ _RecordAll: TypeAlias = Annotated[
 @dataclass(frozen=True)
 class LiveOutputs:
     """The options for outputs."""
+
+    panel = RESULTS
 
     jsonl: _JsonLines = None
     csv: _CsvFile = None
@@ -280,6 +283,8 @@ def _origin(text: str) -> MapOrigin:
 @dataclass(frozen=True)
 class LiveRecordOptions:
     """The options about recordings of the input."""
+
+    panel = "Recording"
 
     record: _Record = None
     record_all: _RecordAll = False

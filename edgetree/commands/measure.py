@@ -16,7 +16,10 @@ from basetree.program.options import expand_groups
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
+    CAMERA,
     CAMERA_FILES,
+    INPUT,
+    RESULTS,
     Cloud,
     Csv,
     Depth,
@@ -59,6 +62,7 @@ _Camera: TypeAlias = Annotated[
         metavar="FILE[:NAME]",
         help=f"Camera file of the image; needed with depth. {CAMERA_FILES} Without depth and"
         " camera, the focal length is that of the picture's EXIF.",
+        rich_help_panel=CAMERA,
     ),
 ]
 _Mask: TypeAlias = Annotated[
@@ -69,13 +73,15 @@ _Mask: TypeAlias = Annotated[
     ),
 ]
 _Picture: TypeAlias = Annotated[
-    Path | None, typer.Option(help="File for the drawn picture, .jpg or .png.")
+    Path | None, typer.Option(metavar="FILE", help="File for the drawn picture, .jpg or .png.")
 ]
 
 
 @dataclass(frozen=True)
 class _Inputs:
     """The options that say what to measure, and how its trees are found."""
+
+    panel = INPUT
 
     depth: Depth = None
     right: Right = None
@@ -172,6 +178,8 @@ class _Inputs:
 @dataclass(frozen=True)
 class _Outputs:
     """The options for output files."""
+
+    panel = RESULTS
 
     out: _Picture = None
     csv: Csv = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from basetree.program.console import note, print_json, tell
+from basetree.program.console import complain, note, print_json, tell
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def models(*, as_json: Json = False) -> None:
 
     listed = [record for model in known_models() for record in _record(model)]
     for model in hidden_models():
-        note(f"left out: {model.path}: {model.name} is an earlier model: expected another name")
+        complain(f"left out: {model.path}: {model.name} is an earlier model: expected another name")
     if as_json:
         print_json({"schema": "edgetree.models/1", "models": listed})
         return
@@ -52,7 +52,7 @@ def _record(model: KnownModel) -> Iterator[dict[str, Any]]:
     try:
         manifest, card = model.manifest(), model.card()
     except EdgetreeError as error:
-        note(f"left out: {error}")
+        complain(f"left out: {error}")
         return
     yield {
         "name": model.name,

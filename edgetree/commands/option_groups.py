@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edgetree.commands.options import (
+    CAMERA,
+    MODEL,
     DepthKind,
     DepthScale,
     Extrinsic,
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
 class RigOptions:
     """The options about the cameras and the measurement, without --camera and --depth."""
 
+    panel = CAMERA
+
     up: Up = None
     mounting: Mounting = None
     depth_camera: Annotated[
@@ -65,8 +69,9 @@ class RigOptions:
     depth_extrinsics: Annotated[
         Path | None,
         typer.Option(
-            help="File with the transform from the depth camera's frame to the image camera's; the"
-            " identity if not given."
+            metavar="FILE",
+            help="File with the transform from the depth camera's frame to the image camera's.",
+            show_default="the identity",
         ),
     ] = None
     extrinsic: Extrinsic = None
@@ -226,6 +231,8 @@ class RigOptions:
 class ReportOptions:
     """What the report says about itself, and the area for its basal area."""
 
+    panel = "Report"
+
     title: Annotated[str | None, typer.Option(help="Heading of the report of --report.")] = None
     place: Annotated[
         str | None, typer.Option(help="Where the trees stand, for the report of --report.")
@@ -262,6 +269,8 @@ class ReportOptions:
 @dataclass(frozen=True)
 class SessionOptions:
     """The options about running a model."""
+
+    panel = MODEL
 
     threads: Threads = None
     provider: Provider = "cpu"

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
+from basetree.program.talking import GENERAL
+
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
+
+INPUT: Final = "Input"
+CAMERA: Final = "Camera and depth"
+MEASURING: Final = "Measuring"
+MODEL: Final = "Model"
+RESULTS: Final = "Results"
+"""Groups of options in the help."""
 
 CAMERA_FILES = (
     "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, ORB-SLAM,"
@@ -17,27 +26,48 @@ CAMERA_FILES = (
 )
 
 Json: TypeAlias = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")
+    bool,
+    typer.Option(
+        "--json",
+        help="Print one JSON object on stdout and nothing else.",
+        rich_help_panel=GENERAL,
+    ),
 ]
+
+
+def _model_names() -> list[str]:
+    """The names that --model takes, for completion."""
+    from edgetree.catalogue import known_models
+
+    return [model.name for model in known_models()]
+
+
 Model: TypeAlias = Annotated[
     str,
     typer.Option(
+        autocompletion=_model_names,
         metavar="NAME|FILE",
         help="An exported .onnx file, or the name of a model that `edgetree models` lists; rgb and"
         " depth are the defaults of the package.",
+        rich_help_panel=MODEL,
     ),
 ]
 ModelByInput: TypeAlias = Annotated[
     str | None,
     typer.Option(
+        autocompletion=_model_names,
         metavar="NAME|FILE",
-        help="An exported .onnx file, or the name of a model that `edgetree models` lists. If not"
-        " given: depth, the default for depth images, where the source or an option such as --depth"
-        " tells depth, otherwise rgb.",
+        help="An exported .onnx file, or the name of a model that `edgetree models` lists.",
+        show_default="depth where the source has depth or an option such as --depth gives it, else"
+        " rgb",
+        rich_help_panel=MODEL,
     ),
 ]
 Threads: TypeAlias = Annotated[
-    int | None, typer.Option(min=1, help="Threads of one inference; all cores if not given.")
+    int | None,
+    typer.Option(
+        min=1, help="Threads of one inference.", show_default="all cores", rich_help_panel=MODEL
+    ),
 ]
 Provider: TypeAlias = Annotated[
     str,
@@ -63,15 +93,19 @@ Strict: TypeAlias = Annotated[
     ),
 ]
 ScoreThreshold: TypeAlias = Annotated[
-    float, typer.Option(min=0.0, max=1.0, help="Leave out trees with a lower score.")
+    float,
+    typer.Option(
+        min=0.0, max=1.0, help="Leave out trees with a lower score.", rich_help_panel=MODEL
+    ),
 ]
 Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         help="Depth image of an image, or folder with the depth images of a folder of images, by"
         " their names: PNG, TIFF or .npy, integers in millimetres or floating point in metres (or"
-        " see --depth-scale); 0 = no reading. If not given, a depth model reads the image itself"
-        " as depth."
+        " see --depth-scale); 0 = no reading.",
+        show_default="with a depth model the image itself",
+        rich_help_panel=INPUT,
     ),
 ]
 Right: TypeAlias = Annotated[
@@ -82,6 +116,7 @@ Right: TypeAlias = Annotated[
         " pictures, in the same order. Depth comes from both. --camera then names the calibration"
         " of the pair: calib.stereo/1 JSON, Kalibr camchain, OpenCV (M1, D1, M2, D2, R, T) or KITTI"
         " calib.txt.",
+        rich_help_panel=INPUT,
     ),
 ]
 Cloud: TypeAlias = Annotated[
@@ -89,7 +124,8 @@ Cloud: TypeAlias = Annotated[
     typer.Option(
         help="Point cloud of a laser scanner for an image, or folder with those of a folder of"
         " images, by their names: PLY, PCD, LAS, LAZ, NPZ or KITTI's BIN, in metres. It is"
-        " projected into the picture, which needs --camera and --extrinsic."
+        " projected into the picture, which needs --camera and --extrinsic.",
+        rich_help_panel=INPUT,
     ),
 ]
 Extrinsic: TypeAlias = Annotated[
@@ -103,9 +139,8 @@ DepthScale: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="M_PER_UNIT|FILE",
-        help="Metres per unit of the depth, of integers and of floating point; if not given, 0.001"
-        " for integers and 1 for floating point. Or a depth scale file of"
-        " `edgetree calibrate --depth`.",
+        help="Metres per unit of the depth, or a depth scale file of `edgetree calibrate --depth`.",
+        show_default="0.001 for integers, 1 for floating point",
     ),
 ]
 DepthKind: TypeAlias = Annotated[
@@ -122,22 +157,26 @@ Rotate: TypeAlias = Annotated[
         metavar="0|90|180|270",
         help="Degrees by which pictures must be turned clockwise to be upright, for a camera that"
         " is mounted on its side or upside down. Depth, masks, camera, --up and --mounting are"
-        " turned with them, and results are given in the pictures as they are. If not given, a"
-        " camera on its side is told by its vertical.",
+        " turned with them, and results are given in the pictures as they are.",
+        show_default="by the vertical, where it tells a camera on its side",
     ),
 ]
 Camera: TypeAlias = Annotated[
     Path | None,
-    typer.Option(metavar="FILE[:NAME]", help=f"Camera file, needed for measuring. {CAMERA_FILES}"),
+    typer.Option(
+        metavar="FILE[:NAME]",
+        help=f"Camera file, needed for measuring. {CAMERA_FILES}",
+        rich_help_panel=CAMERA,
+    ),
 ]
 Up: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z",
         help="Direction opposite to gravity in the camera's frame (x right, y down, z forward), as"
-        " from an IMU; 0,-1,0 for a level camera. If not given: the vertical of a level machine"
-        " with --mounting, otherwise an estimate from the other stems, the ground and the"
-        " camera.",
+        " from an IMU; 0,-1,0 for a level camera.",
+        show_default="that of a level machine with --mounting, else estimated from the stems, the"
+        " ground and the camera",
     ),
 ]
 Mounting: TypeAlias = Annotated[
@@ -160,7 +199,10 @@ RigErrors: TypeAlias = Annotated[
 StumpHeight: TypeAlias = Annotated[
     float | None,
     typer.Option(
-        metavar="M", help="Warn of felling cuts higher than this, in metres; 0.3 if not given."
+        metavar="M",
+        help="Warn of felling cuts higher than this, in metres.",
+        show_default="0.3",
+        rich_help_panel=MEASURING,
     ),
 ]
 GroundCover: TypeAlias = Annotated[
@@ -170,6 +212,7 @@ GroundCover: TypeAlias = Annotated[
         help="Height of snow, moss or plants with an even top that hide the ground, and its"
         " standard deviation, in metres as measured by hand, such as 0.3,0.05. Heights then count"
         " from the ground below.",
+        rich_help_panel=MEASURING,
     ),
 ]
 SpeciesName: TypeAlias = Annotated[
@@ -177,20 +220,31 @@ SpeciesName: TypeAlias = Annotated[
     typer.Option(
         metavar="NAME",
         help="Species of the trees, for the volume of whole stems: pine, spruce or birch.",
+        rich_help_panel=MEASURING,
     ),
 ]
 Csv: TypeAlias = Annotated[
-    Path | None, typer.Option(help="CSV file to write, one row per tree, units in column names.")
+    Path | None,
+    typer.Option(
+        metavar="FILE.csv",
+        help="CSV file to write, one row per tree, units in column names.",
+        rich_help_panel=RESULTS,
+    ),
 ]
 Profiles: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="CSV file to write, one row per tree and height with the diameter there."),
+    typer.Option(
+        metavar="FILE.csv",
+        help="CSV file to write, one row per tree and height with the diameter there.",
+        rich_help_panel=RESULTS,
+    ),
 ]
 Report: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.html",
         help="Report to write: one HTML page with the pictures, all trees and diameter classes.",
+        rich_help_panel=RESULTS,
     ),
 ]
 

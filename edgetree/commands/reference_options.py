@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
@@ -11,12 +11,15 @@ if TYPE_CHECKING:
     from edgetree.frames.references import ScaleBar, SizeReferences
     from edgetree.measure import CameraHeight
 
+_WITHOUT_DEPTH: Final = "Sizes without depth"
+
 CameraHeightText: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="M[:STD]",
         help="Without depth: height of the camera above the ground, with its standard deviation if"
         " known, such as 2.4:0.05. The foot of a stem in the picture then tells its distance.",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 GroundSlope: TypeAlias = Annotated[
@@ -24,8 +27,9 @@ GroundSlope: TypeAlias = Annotated[
     typer.Option(
         metavar="DEG[,DEG][:STD]",
         help="With --camera-height: slope of the ground ahead of the camera, and to its right,"
-        " positive where it rises, with the standard deviation, such as 8,-3:2. Level if not"
-        " given, within 3 degrees.",
+        " positive where it rises, with the standard deviation, such as 8,-3:2.",
+        show_default="level within 3 degrees",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 Pitch: TypeAlias = Annotated[
@@ -33,6 +37,7 @@ Pitch: TypeAlias = Annotated[
     typer.Option(
         metavar="DEG",
         help="In place of --up: how far a camera that stands upright looks down, in degrees.",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 Horizon: TypeAlias = Annotated[
@@ -40,6 +45,7 @@ Horizon: TypeAlias = Annotated[
     typer.Option(
         metavar="X,Y,X,Y",
         help="In place of --up: two points of the picture on the horizon, in pixels.",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 MarkerText: TypeAlias = Annotated[
@@ -48,6 +54,7 @@ MarkerText: TypeAlias = Annotated[
         metavar="aruco:DICT:ID:SIZE",
         help="Without depth: a marker on or beside the stems, with the side of its black square in"
         " metres, such as aruco:4x4_50:7:0.16.",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 ScaleBarText: TypeAlias = Annotated[
@@ -56,6 +63,7 @@ ScaleBarText: TypeAlias = Annotated[
         metavar="X,Y,X,Y,M",
         help="Without depth: two points of the picture on or beside a stem, in pixels, and the"
         " metres between them.",
+        rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]
 

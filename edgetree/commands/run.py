@@ -17,6 +17,8 @@ from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
+    INPUT,
+    RESULTS,
     Camera,
     Cloud,
     Csv,
@@ -71,13 +73,17 @@ _Out: TypeAlias = Annotated[
 _JsonLines: TypeAlias = Annotated[
     Path | None,
     typer.Option(
+        metavar="FILE.jsonl",
         help="File for the JSON lines, instead of stdout, which has short lines where it is a"
-        " terminal."
+        " terminal.",
     ),
 ]
 _Coco: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="File for COCO labels, to correct in a labelling tool; not for videos."),
+    typer.Option(
+        metavar="FILE.json",
+        help="File for COCO labels, to correct in a labelling tool; not for videos.",
+    ),
 ]
 _Recursive: TypeAlias = Annotated[
     bool,
@@ -113,6 +119,8 @@ _FILES: Final = {
 @dataclass(frozen=True)
 class _Inputs:
     """The options that say what to detect in, and with what."""
+
+    panel = INPUT
 
     model: ModelByInput = None
     depth: Depth = None
@@ -171,6 +179,8 @@ class _Inputs:
 @dataclass(frozen=True)
 class _Outputs:
     """The options for output files."""
+
+    panel = RESULTS
 
     out: _Out = None
     jsonl: _JsonLines = None

@@ -13,10 +13,7 @@ from basetree.program.console import note, tell
 def samples(
     out: Annotated[Path, typer.Option(help="New folder for the files.")] = Path("samples"),
 ) -> None:
-    """Write sample pictures, depth, camera, a drive and a caliper's table, to try the commands on.
-
-    Example: edgetree samples --out samples
-    """
+    """Write sample pictures, depth, camera, a drive and a caliper's table to try things on."""
     from edgetree.sample_files import commands_for, write_samples
 
     write_samples(out)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 class ShardOptions:
     """The options about several machines."""
 
+    panel = "Several machines"
+
     shards: Annotated[
         Path | None,
         typer.Option(

@@ -25,21 +25,23 @@ def sign(
     version: Annotated[
         int | None,
         typer.Option(
-            help="Version of the model. Machines refuse lower ones than they have used. The time of"
-            " signing if not given, such as 20261123080000."
+            help="Version of the model. Machines refuse lower ones than they have used.",
+            show_default="the time of signing, such as 20261123080000",
         ),
     ] = None,
     name: Annotated[
         str | None,
         typer.Option(
-            help="Name of the model, whose versions are counted; the name in the file if not given."
+            help="Name of the model, whose versions are counted.",
+            show_default="the name in the file",
         ),
     ] = None,
     valid_until: Annotated[
         str | None,
         typer.Option(
             metavar="DATE",
-            help="Last day of the signature's validity, in UTC; no end if not given.",
+            help="Last day of the signature's validity, in UTC.",
+            show_default="no end",
         ),
     ] = None,
     new_key: Annotated[

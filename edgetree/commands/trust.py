@@ -24,7 +24,9 @@ def trust(
     valid_until: Annotated[
         str | None,
         typer.Option(
-            metavar="DATE", help="Last day on which KEY is trusted, in UTC; no end if not given."
+            metavar="DATE",
+            help="Last day on which KEY is trusted, in UTC.",
+            show_default="no end",
         ),
     ] = None,
     remove: Annotated[

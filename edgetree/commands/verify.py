@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from basetree.program.console import note, print_json, tell
+from basetree.program.progress import steps_shown
 from edgetree.commands.export import record, showing_differences
 from edgetree.commands.options import Json
 
@@ -25,8 +26,8 @@ def verify(
     """Repeat the parity check of an export, on any frames and on this machine."""
     from edgetree.export import verify_model
 
-    with showing_differences():
-        report = verify_model(file, checkpoint, data=data, say=note)
+    with showing_differences(), steps_shown("reading file and checkpoint") as say:
+        report = verify_model(file, checkpoint, data=data, say=say)
     if as_json:
         print_json(record(report))
         return

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from basetree.errors import install_hint
+from basetree.program.load import busy_words
 from edgetree.doctor.findings import Findings, Libraries, Machine
 from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
 from edgetree.errors import TRAINING_PACKAGES
@@ -21,7 +22,6 @@ _X86_INT8: Final = {"avx512_vnni", "avx_vnni", "amx_int8"}
 _NVIDIA: Final = {"cuda", "tensorrt"}
 _LITTLE_MEMORY_MIB: Final = 2048
 _THREADS_HELP_FROM: Final = 1.15
-_BUSY_FROM: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -158,13 +158,8 @@ def _cores(findings: Findings) -> Iterator[Advice]:
             f"this container is limited to the time of {machine.core_quota:g} cores, but sees"
             f" {machine.usable_cores}: pass --threads {threads} to avoid being throttled",
         )
-    busy = machine.busy_cores
-    if busy is not None and busy >= _BUSY_FROM * machine.cores:
-        yield Advice(
-            "beware",
-            f"{busy:.1f} of {machine.cores} cores were busy with other work in the last minute:"
-            " `edgetree bench` will report too low speeds",
-        )
+    if busy := busy_words(machine.busy_cores, machine.cores):
+        yield Advice("beware", f"{busy}: `edgetree bench` will report too low speeds")
     if speed is None or speed.threads == 1:
         return
     if speed.fps_all_threads < _THREADS_HELP_FROM * speed.fps_one_thread:

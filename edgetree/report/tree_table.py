@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -17,6 +18,7 @@ from edgetree.results.text_table import failure_reasons, pixel_words
 from edgetree.results.units import AMOUNTS, direction_words
 
 _CLASS_CM: Final = 4
+_NUMBER: Final = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w])")
 _COLUMNS: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "distance_m")
 _MISSING: Final = parts.Cell("–", 'class="none"')
 
@@ -80,15 +82,18 @@ def tree_table(rows: Sequence[str]) -> str:
 
 
 class Reasons:
-    """Why values are missing, each reason once."""
+    """Why values are missing, each reason once; reasons that differ in numbers only are one."""
 
     def __init__(self) -> None:
         self._trees: Counter[str] = Counter()
+        self._numbers: dict[str, list[list[str]]] = {}
         self._missing: dict[str, dict[str, None]] = {}
 
     def add(self, tree: TreeMeasurement) -> None:
         """Count the reasons of a tree."""
-        for what, reason in failure_reasons(tree):
+        for what, text in failure_reasons(tree):
+            reason = _NUMBER.sub("{}", text)
+            self._numbers.setdefault(reason, []).append(_NUMBER.findall(text))
             self._trees[reason] += 1
             names = what.removeprefix("no ").split(", ")
             self._missing.setdefault(reason, {}).update(dict.fromkeys(names))
@@ -98,10 +103,18 @@ class Reasons:
         if not self._trees:
             return ""
         ordered = sorted(self._trees.items(), key=lambda item: (-item[1], item[0]))
-        rows = ([str(trees), self._words(reason), reason] for reason, trees in ordered)
+        rows = ([str(trees), self._words(reason), self._text(reason)] for reason, trees in ordered)
         return parts.heading("Missing values") + parts.table(
             ["trees", "missing", "reason"], rows, kind="text"
         )
+
+    def _text(self, reason: str) -> str:
+        """The reason with its numbers, or with their range where they differ."""
+        words = reason.split("{}")
+        for index, found in enumerate(zip(*self._numbers[reason], strict=True)):
+            low, high = min(found, key=float), max(found, key=float)
+            words[index] += low if low == high else f"{low} to {high}"
+        return "".join(words)
 
     def _words(self, reason: str) -> str:
         names = self._missing[reason]

@@ -19,6 +19,7 @@ class MqttSettings(Settings, error=InputError):
     """How messages go to an MQTT broker."""
 
     option_prefix: ClassVar[str] = "mqtt_"
+    panel: ClassVar[str] = "MQTT"
 
     topic: str = "edgetree/stems"
     """Topic of the stems of each frame, for --mqtt."""

@@ -19,7 +19,9 @@ def average(
     out: Annotated[Path, typer.Option(help="Checkpoint to write.")],
     weights: Annotated[
         str | None,
-        typer.Option(help="Shares such as 2,1,1, in the order of the files; by default equal."),
+        typer.Option(
+            help="Shares such as 2,1,1, in the order of the files.", show_default="equal shares"
+        ),
     ] = None,
 ) -> None:
     """Average the weights of trainings that began with the same weights.

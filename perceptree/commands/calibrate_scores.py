@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import progress, tell
+from basetree.program.console import tell
+from basetree.program.progress import progress
 from perceptree.commands.options import Checkpoint, Split, check_checkpoint_name, check_split
 
 if TYPE_CHECKING:

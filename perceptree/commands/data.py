@@ -10,8 +10,10 @@ import typer
 
 from basetree.counts import counted
 from basetree.errors import SettingsError
-from basetree.program.command_line import new_app, show_help
-from basetree.program.console import note, print_found, print_json, progress, tell
+from basetree.program.command_line import show_help
+from basetree.program.console import note, print_found, print_json, tell
+from basetree.program.help import new_app
+from basetree.program.progress import progress
 from perceptree.commands.data_exchange import convert, merge, split
 from perceptree.commands.options import CrowdsAsTrees, EntireTree, Fold, Json, check_split
 
@@ -19,9 +21,10 @@ if TYPE_CHECKING:
     from perceptree.data.check import Report
 
 app = new_app("Check, show, divide, join and convert datasets before training.")
-app.command()(split)
-app.command()(merge)
-app.command()(convert)
+_SORT, _LOOK = "Sort", "Look"
+app.add(split, "perceptree data split export --out trees --by folder", group=_SORT)
+app.add(merge, "perceptree data merge masks.json keypoints.json --out trees", group=_SORT)
+app.add(convert, "perceptree data convert trees --to yolo-seg --out trees-yolo", group=_SORT)
 
 
 @app.callback(invoke_without_command=True)
@@ -33,7 +36,7 @@ def data(context: typer.Context) -> None:
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset, or one COCO file.")]
 
 
-@app.command()
+@app.command(epilog="perceptree data check trees", rich_help_panel=_LOOK)
 def check(
     directory: Directory,
     fold: Fold = None,
@@ -70,11 +73,13 @@ def _report_lines(report: Report) -> Iterator[str]:
         yield f"nothing found; splits compared by {report.compared_by}"
 
 
-@app.command()
+@app.command(epilog="perceptree data show trees --out pages", rich_help_panel=_LOOK)
 def show(
     directory: Directory,
     out: Annotated[Path, typer.Option(help="Folder for the pages.")] = Path("pages"),
-    split: Annotated[str | None, typer.Option(help="train, val or test; by default all.")] = None,
+    split: Annotated[
+        str | None, typer.Option(metavar="NAME", help="train, val or test.", show_default="all")
+    ] = None,
     pages: Annotated[int, typer.Option(help="Number of pages.")] = 1,
     per_page: Annotated[int, typer.Option(help="Frames per page.")] = 12,
     seed: Annotated[int, typer.Option(help="Seed for the choice of frames.")] = 1,
@@ -117,7 +122,7 @@ def show(
         tell(path)
 
 
-@app.command()
+@app.command(epilog="perceptree data compare photos trees", rich_help_panel=_LOOK)
 def compare(
     real: Annotated[Path, typer.Argument(help="Folder of real images.")],
     simulated: Annotated[Path, typer.Argument(help="Folder of perceptree synth, or of images.")],

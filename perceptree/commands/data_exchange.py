@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.counts import counted
-from basetree.program.console import note, print_json, progress, tell
+from basetree.program.console import note, print_json, tell
+from basetree.program.progress import progress
 from perceptree.commands.options import CrowdsAsTrees, Json, SkipBroken
 from perceptree.errors import DatasetError
 
@@ -29,7 +30,10 @@ _Out: TypeAlias = Annotated[
     Path, typer.Option(help="New folder for the labels and copies of the pictures.")
 ]
 _Form: TypeAlias = Annotated[
-    str, typer.Option("--to", help="Form to write: coco, yolo-seg, yolo-pose or labelme.")
+    str,
+    typer.Option(
+        "--to", metavar="NAME", help="Form to write: coco, yolo-seg, yolo-pose or labelme."
+    ),
 ]
 
 
@@ -41,9 +45,10 @@ def split(
     by: Annotated[
         str,
         typer.Option(
+            metavar="NAME",
             help="What stays in one split beside pictures that look alike and those of one"
             " simulated scene: folder (pictures of one folder), name (names that differ in the"
-            " number at the end, such as frames of a video), or likeness (nothing else)."
+            " number at the end, such as frames of a video), or likeness (nothing else).",
         ),
     ] = "likeness",
     seed: Annotated[int, typer.Option(help="Seed of the random choice.")] = 1,
@@ -51,10 +56,7 @@ def split(
     skip_broken: SkipBroken = False,
     as_json: Json = False,
 ) -> None:
-    """Divide labelled pictures into train, val and test.
-
-    Example: perceptree data split export --out trees --by folder
-    """
+    """Divide labelled pictures into train, val and test."""
     from perceptree.data.dividing import divide
 
     datasets = _read(source, out, "coco", crowds_as_trees, skip_broken)
@@ -77,8 +79,6 @@ def merge(
     """Join the masks of one COCO file with the keypoints of another.
 
     Annotations of one picture belong together if at least half of the keypoints lie in the box.
-
-    Example: perceptree data merge masks.json keypoints.json --out trees
     """
     from perceptree.data.dataset import read_labels
     from perceptree.data.exchange.writing import check_output
@@ -103,10 +103,7 @@ def convert(
     skip_broken: SkipBroken = False,
     as_json: Json = False,
 ) -> None:
-    """Convert labels between COCO, YOLO and labelme, and from CVAT and Label Studio.
-
-    Example: perceptree data convert trees --to yolo-seg --out trees-yolo
-    """
+    """Convert labels between COCO, YOLO and labelme, and from CVAT and Label Studio."""
     datasets = _read(source, out, form, crowds_as_trees, skip_broken)
     splits: dict[str | None, list[FrameRecord]] = {}
     for split, dataset in datasets:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import print_found, progress
+from basetree.program.console import print_found
 from basetree.program.options import expand_groups
+from basetree.program.progress import progress
 from perceptree.commands.options import (
     Checkpoint,
     CrowdsAsTrees,

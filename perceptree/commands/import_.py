@@ -24,14 +24,20 @@ if TYPE_CHECKING:
 class NetworkOptions:
     """What the file does not tell of its network, and what is made of it."""
 
-    modality: Annotated[str, typer.Option(help="Input of the model: rgb or depth.")] = "rgb"
-    height: Annotated[int | None, typer.Option(help="Height of the frames in px. [720]")] = None
-    width: Annotated[int | None, typer.Option(help="Width of the frames in px. [1280]")] = None
+    modality: Annotated[
+        str, typer.Option(metavar="NAME", help="Input of the model: rgb or depth.")
+    ] = "rgb"
+    height: Annotated[
+        int | None, typer.Option(help="Height of the frames in px.", show_default="720")
+    ] = None
+    width: Annotated[
+        int | None, typer.Option(help="Width of the frames in px.", show_default="1280")
+    ] = None
     stride_in: Annotated[
-        str, typer.Option(help="Convolution with the stride: auto, 1x1 or 3x3.")
+        str, typer.Option(metavar="NAME", help="Convolution with the stride: auto, 1x1 or 3x3.")
     ] = "auto"
     pixel_std: Annotated[
-        str, typer.Option(help="Divisor of the pixels: auto, unit or imagenet.")
+        str, typer.Option(metavar="NAME", help="Divisor of the pixels: auto, unit or imagenet.")
     ] = "auto"
     as_init: Annotated[
         bool,
@@ -44,14 +50,16 @@ class NetworkOptions:
         typer.Option(
             metavar="PX,...",
             help="Anchor sizes of the five levels, such as 32,64,128,256,512; several of a level"
-            " as 32/48. [the file's, or the usual ones for its number of anchors]",
+            " as 32/48.",
+            show_default="the file's, or the usual ones for its number of anchors",
         ),
     ] = None
     anchor_ratios: Annotated[
         str | None,
         typer.Option(
             metavar="RATIO,...",
-            help="Height over width of the anchors. [the file's, or 0.5,1,2]",
+            help="Height over width of the anchors.",
+            show_default="the file's, or 0.5,1,2",
         ),
     ] = None
     mask_convolutions: Annotated[
@@ -81,7 +89,8 @@ def import_(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File to write; by default CKPT's name with .safetensors, in this folder."
+            help="File to write.",
+            show_default="CKPT's name with .safetensors, in this folder",
         ),
     ] = None,
     network: NetworkOptions,

@@ -23,8 +23,9 @@ def merge(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder or URL of the dataset, or folder of the report. If not given: a dataset is"
-            " completed where its shards are, and of an evaluation only the summary is printed."
+            help="Folder or URL of the dataset, or folder of the report.",
+            show_default="a dataset is completed where its shards are, of an evaluation only the"
+            " summary is printed",
         ),
     ] = None,
     as_json: Json = False,

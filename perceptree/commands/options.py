@@ -8,19 +8,22 @@ from typing import Annotated, TypeAlias
 import typer
 
 from basetree.program.options import option_of
+from basetree.program.talking import GENERAL
 from perceptree.errors import CheckpointError, DatasetError
 from perceptree.settings.training import DataSource, Engine
 
-Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Json: TypeAlias = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=GENERAL)
+]
 Checkpoint: TypeAlias = Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")]
-Device: TypeAlias = Annotated[str, typer.Option(help="cpu or cuda.")]
-Split: TypeAlias = Annotated[str, typer.Option(help="train, val or test.")]
+Device: TypeAlias = Annotated[str, typer.Option(metavar="NAME", help="cpu or cuda.")]
+Split: TypeAlias = Annotated[str, typer.Option(metavar="NAME", help="train, val or test.")]
 Fold: TypeAlias = Annotated[int | None, option_of(DataSource, "fold")]
 EntireTree: TypeAlias = Annotated[bool, option_of(DataSource, "entire_tree")]
 CrowdsAsTrees: TypeAlias = Annotated[bool, option_of(DataSource, "crowds_as_trees")]
 SkipBroken: TypeAlias = Annotated[bool, option_of(Engine, "skip_broken")]
 Side: TypeAlias = Annotated[
-    int | None, typer.Option(help="Size of the input in px; by default the model's.")
+    int | None, typer.Option(help="Size of the input in px.", show_default="the model's")
 ]
 
 

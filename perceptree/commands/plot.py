@@ -23,7 +23,9 @@ def plot(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="PICTURE", help="PNG file to write; by default plot.png in the (first) folder."
+            metavar="PICTURE",
+            help="PNG file to write.",
+            show_default="plot.png in the (first) folder",
         ),
     ] = None,
 ) -> None:

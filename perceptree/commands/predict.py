@@ -10,7 +10,8 @@ import typer
 
 from basetree.counts import counted
 from basetree.errors import SettingsError
-from basetree.program.console import print_json, tell, track
+from basetree.program.console import complain, print_json, tell
+from basetree.program.progress import track
 from perceptree.commands.options import Checkpoint, Device, Json
 from perceptree.commands.progress import say
 from perceptree.errors import DatasetError
@@ -78,7 +79,7 @@ def predict(
 
     def leave_out(error: Exception) -> None:
         left_out.append(str(error))
-        say(f"left out: {error}")
+        complain(f"perceptree: left out: {error}")
 
     found = detect_pictures(predict_with(model), model.spec, paths, score, _BATCH, leave_out)
     trees = 0

@@ -21,8 +21,9 @@ def scene(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="Preset of the simulator: paper, field (the default), vegetation, drive, plain,"
-            " test, field-test."
+            metavar="NAME",
+            help="Preset: paper, field, vegetation, drive, plain, test, field-test.",
+            show_default="field",
         ),
     ] = None,
 ) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 class ShareOptions:
     """How a work is shared out between machines."""
 
+    panel = "Several machines"
+
     shard: Annotated[
         str | None,
         typer.Option(

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import BAR_STREAM, note
+from basetree.program.console import note
 from basetree.program.options import expand_groups
+from basetree.program.progress import counter
 from perceptree.commands.options import Json
 from perceptree.commands.shards import ShareOptions, print_shard
 from perceptree.commands.synth_result import print_result
@@ -31,15 +30,23 @@ _LABEL = "simulating"
 class DatasetOptions:
     """Which dataset is simulated."""
 
+    panel = "Dataset"
+
     frames: Annotated[
-        int | None, typer.Option(help="Number of frames; a larger number extends a dataset. [400]")
+        int | None,
+        typer.Option(
+            help="Number of frames; a larger number extends a dataset.", show_default="400"
+        ),
     ] = None
-    seed: Annotated[int | None, typer.Option(help="Seed of the simulation. [0]")] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulation.", show_default="0")] = (
+        None
+    )
     preset: Annotated[
         str | None,
         typer.Option(
-            help="Preset: paper, field, vegetation, drive, plain, test, field-test. By default 400"
-            " frames of field."
+            metavar="NAME",
+            help="Preset: paper, field, vegetation, drive, plain, test, field-test.",
+            show_default="field",
         ),
     ] = None
     settings: Annotated[
@@ -52,18 +59,22 @@ class DatasetOptions:
 class PictureOptions:
     """Changes of the camera, the pictures and the labels."""
 
-    width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None
-    height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None
+    panel = "Camera, pictures and labels"
+
+    width: Annotated[int | None, typer.Option(help="Image width, px.", show_default="1280")] = None
+    height: Annotated[int | None, typer.Option(help="Image height, px.", show_default="720")] = None
     camera: Annotated[
         Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
     ] = None
-    views: Annotated[int | None, typer.Option(help="Frames per scene. [8]")] = None
+    views: Annotated[int | None, typer.Option(help="Frames per scene.", show_default="8")] = None
     reach: Annotated[
-        float | None, typer.Option(help="Label trees up to this distance in metres. [10]")
+        float | None,
+        typer.Option(help="Label trees up to this distance in metres.", show_default="10"),
     ] = None
-    image_format: Annotated[str | None, typer.Option(help="Colour images as jpg or png. [jpg]")] = (
-        None
-    )
+    image_format: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Colour images as jpg or png.", show_default="jpg"),
+    ] = None
     textures: Annotated[
         Path | None,
         typer.Option(help="Folder of photographs of bark, ground, stones, leaves, far stands."),
@@ -102,7 +113,7 @@ def synth(
     dataset: DatasetOptions,
     pictures: PictureOptions,
     workers: Annotated[
-        int | None, typer.Option(help="Number of processes; by default one per core.")
+        int | None, typer.Option(help="Number of processes.", show_default="one per core")
     ] = None,
     share: ShareOptions,
     as_json: Json = False,
@@ -127,18 +138,8 @@ def synth(
         whole = SynthJob(share.store(out), count, chosen, seed, files, photographs)
         _in_shards(whole, share, workers, as_json, frozen)
         return
-    with typer.progressbar(
-        length=count,
-        label=_LABEL,
-        file=BAR_STREAM,
-        hidden=as_json or not sys.stderr.isatty(),
-        show_eta=False,
-        show_pos=True,
-        item_show_func=lambda text: text,
-    ) as bar:
-        report = generate_dataset(
-            out, count, chosen, seed, workers, _Progress(bar), files, photographs
-        )
+    tell = counter(_LABEL, shown=not as_json)
+    report = generate_dataset(out, count, chosen, seed, workers, tell, files, photographs)
     print_result(report, as_json, frozen)
 
 
@@ -223,28 +224,3 @@ def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset
     if settings_file is None:
         return start
     return replace(start, settings=read_settings(settings_file, start.settings))
-
-
-class _Progress:
-    """Updates a progress bar with the rate and the remaining time.
-
-    Frames from an earlier run count as done, but not for the rate.
-    """
-
-    def __init__(self, bar: Any) -> None:
-        self._bar = bar
-        self._first: int | None = None
-        self._start_s = 0.0
-
-    def __call__(self, done: int, total: int) -> None:
-        from basetree.jobs.progress import duration
-
-        if self._first is None:
-            self._first, self._start_s = done, time.monotonic()
-        drawn, taken_s = done - self._first, time.monotonic() - self._start_s
-        text = ""
-        if drawn and taken_s > 0:
-            left_s = (total - done) * taken_s / drawn
-            text = f"{60 * drawn / taken_s:.0f} frames/min, {duration(left_s)} left"
-        self._bar.current_item = text
-        self._bar.update(done - self._bar.pos)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import counter, note, print_found
+from basetree.program.console import note, print_found
 from basetree.program.options import expand_groups, given
+from basetree.program.progress import counter
 from perceptree.commands.options import Json, Side
 from perceptree.commands.progress import TrainingBar, say
 from perceptree.settings.training import Engine, TrainSettings
@@ -26,22 +27,26 @@ class TableModels:
     model: Annotated[
         str | None,
         typer.Option(
-            help="Model; for table 2 several, separated by commas. By default edge-n, for table 2"
-            " the paper's r50,r101,x101-32x8d."
+            metavar="NAME",
+            help="Model; for table 2 several, separated by commas.",
+            show_default="edge-n, for table 2 the paper's r50,r101,x101-32x8d",
         ),
     ] = None
     modality: Annotated[
         str | None,
         typer.Option(
-            help="Modality of table 3: depth (the default) or rgb; the other is trained for"
-            " comparison."
+            metavar="NAME",
+            help="Modality of table 3: depth or rgb; the other is trained for comparison.",
+            show_default="depth",
         ),
     ] = None
     init: Annotated[
         str | None,
         typer.Option(
+            metavar="NAME|FILE",
             help="Starting weights: imagenet, coco, or a checkpoint, in whose name {model} and"
-            " {modality} are replaced. By default random."
+            " {modality} are replaced.",
+            show_default="random",
         ),
     ] = None
     height: Side = None
@@ -61,7 +66,11 @@ class TableRuns:
     ] = "0,1"
     recipe: Annotated[
         str | None,
-        typer.Option(help="Training recipe: scratch, varied or paper; by default the model's."),
+        typer.Option(
+            metavar="NAME",
+            help="Training recipe: scratch, varied or paper.",
+            show_default="the model's",
+        ),
     ] = None
     batch: int | None = None
 
@@ -97,7 +106,7 @@ def tables(
     runs: TableRuns,
     test: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Dataset with the test frames; by default DATA."),
+        typer.Option(metavar="DIR", help="Dataset with the test frames.", show_default="DATA"),
     ] = None,
     machine: TableMachine,
     as_json: Json = False,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import counter, print_json, tell
+from basetree.program.console import print_json, tell
 from basetree.program.options import expand_groups
+from basetree.program.progress import counter
 from perceptree.commands.options import Json
 from perceptree.commands.progress import TrainingBar, say
 from perceptree.commands.train_options import (

@@ -26,13 +26,16 @@ _MIX_SHARE = 0.5
 _PAPER_START = "for the paper's backbones with starting weights"
 
 _HasBranch = Annotated[
-    bool | None, typer.Option(help="Whether the model has this branch; by default the preset's.")
+    bool | None,
+    typer.Option(help="Whether the model has this branch.", show_default="the preset's"),
 ]
 
 
 @dataclass(frozen=True)
 class DataOptions:
     """What is learned from, beside the dataset itself."""
+
+    panel = "Data"
 
     fields_of = DataSource
 
@@ -91,15 +94,22 @@ class DataOptions:
 class ModelOptions:
     """What is trained."""
 
+    panel = "Model"
+
     model: Annotated[
         str | None,
         typer.Option(
-            help="edge-n (the default), edge-s, edge-m, edge-l, or the paper's r50, r101,"
-            " x101-32x8d, x101-32x4d."
+            metavar="NAME",
+            help="edge-n, edge-s, edge-m, edge-l, or the paper's r50, r101, x101-32x8d,"
+            " x101-32x4d.",
+            show_default=_DEFAULT_MODEL,
         ),
     ] = None
     modality: Annotated[
-        str | None, typer.Option(help="Input of the model: depth (the default) or rgb.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Input of the model: depth or rgb.", show_default="depth"
+        ),
     ] = None
     height: Side = None
     width: Side = None
@@ -158,11 +168,17 @@ class ModelOptions:
 class StartOptions:
     """From where a training starts, and what it keeps of the start."""
 
+    panel = "Start"
+
     fields_of = TrainSettings
 
     init: Annotated[
         str | None,
-        typer.Option(help="Starting weights: imagenet, coco, or a checkpoint. By default random."),
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Starting weights: imagenet, coco, or a checkpoint.",
+            show_default="random",
+        ),
     ] = None
     init_heads: Annotated[
         Path | None,
@@ -205,15 +221,19 @@ class StartOptions:
 class ScheduleOptions:
     """How long and how fast it is learned."""
 
+    panel = "Schedule"
+
     fields_of = TrainSettings
 
     recipe: Annotated[
         str | None,
         typer.Option(
-            help="Training recipe: scratch (small networks from random weights; the default),"
+            metavar="NAME",
+            help="Training recipe: scratch (small networks from random weights),"
             " varied (the same with stronger changes of light and colour, for RGB on real cameras),"
             " transfer (varied, with a backbone that is kept near its starting weights) or paper"
-            " (the default for the paper's backbones)."
+            ".",
+            show_default="scratch; paper for the paper's backbones",
         ),
     ] = None
     minutes: float | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from html import escape
 from typing import Any
 
@@ -192,15 +193,24 @@ def _sign(colour: Colour, sign: str) -> str:
     return charts.key("", sign, f"rgb({red}, {green}, {blue})")
 
 
+def _settings(name: str, value: object) -> Iterator[list[str]]:
+    """Name and value of each setting, also of those inside others."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _settings(f"{name}, {key}".removeprefix(", ").replace("_", " "), inner)
+    elif isinstance(value, list | tuple) and not any(isinstance(one, Mapping) for one in value):
+        yield [name, ", ".join(map(str, value))]
+    elif isinstance(value, list | tuple):
+        yield [name, str(len(value))]
+    elif value is not None:
+        yield [name, str(value)]
+
+
 def _method(figures: Figures) -> str:
     shown = figures["at_score"]
     notes = [*figures["data"]["notes"], *(f"left out: {line}" for line in figures["left_out"])]
     notes_html = "".join(f"<li>{escape(line)}</li>" for line in notes)
-    rows = (
-        [name.replace("_", " "), str(value)]
-        for name, value in figures["model"].items()
-        if value is not None
-    )
+    rows = _settings("", figures["model"])
     return (
         parts.heading("Method")
         + f"<p>A tree counts as found if a detection with a score of at least {shown['score']}"

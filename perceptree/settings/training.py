@@ -10,9 +10,17 @@ import dataclasses
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-from basetree.settings import NOT_AN_OPTION, Settings, label, limits, names, option
+from basetree.settings import (
+    NOT_AN_OPTION,
+    Settings,
+    label,
+    limits,
+    names,
+    option,
+    shown_default,
+)
 from basetree.settings.metadata import Metadata
 from perceptree.settings.augmentation import AugmentSettings
 from perceptree.settings.sampling import SampleSettings
@@ -41,8 +49,8 @@ class TrainSettings(Settings):
     """Stop after this many steps; a larger number extends a run."""
     minutes: float | None = field(default=None, metadata=_POSITIVE)
     """Stop after this training time in minutes."""
-    patience: int | None = field(default=None, metadata=_POSITIVE)
-    """Stop if the box AP on val has not improved in this many evaluations; by default never."""
+    patience: int | None = field(default=None, metadata=_POSITIVE | shown_default("never"))
+    """Stop if the box AP on val has not improved in this many evaluations."""
     batch: int = field(default=8, metadata=_POSITIVE)
     """Frames per step, over all processes."""
     mix_share: float = 0.0
@@ -93,8 +101,7 @@ class TrainSettings(Settings):
     """Weight of the loss that holds the backbone's maps near those of its starting weights on the
     same pictures (Li et al. 2019, feature distillation)."""
     weight_bits: int | None = field(default=None, metadata=limits(2, 8, expected="2 to 8, or none"))
-    """Round the weights to so many bits while training; 7 if an int8 export then loses too much.
-    By default the weights are exact."""
+    """Round the weights to so many bits while training; 7 if an int8 export then loses too much."""
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     """Augmentation of the frames."""
     sampling: SampleSettings = field(default_factory=SampleSettings)
@@ -165,6 +172,8 @@ class DataSource(Settings):
 class Engine(Settings):
     """Hardware and speed of a training."""
 
+    panel: ClassVar = "Machine"
+
     device: Literal["cpu", "cuda"] = field(
         default="cpu", metadata=names(("cpu", "cuda"), "cpu or cuda")
     )
@@ -173,12 +182,17 @@ class Engine(Settings):
         default="auto", metadata=names(("auto", "fp32", "bf16"), "auto, fp32 or bf16")
     )
     """Numbers of the network; `auto` chooses the faster ones on this machine."""
-    workers: int | None = field(default=None, metadata=_AT_LEAST_0)
-    """Processes that prepare batches, 0 for none; by default chosen by the number of cores."""
+    workers: int | None = field(
+        default=None, metadata=_AT_LEAST_0 | shown_default("by the number of cores")
+    )
+    """Processes that prepare batches, 0 for none."""
     compile: bool = False
     """Compile backbone and pyramid by torch first, which takes minutes and pays off on GPUs."""
-    cache: str | None = field(default=None, metadata=option(metavar="<path>"))
-    """Folder for the decoded frames; by default .frame-cache next to the data."""
+    cache: str | None = field(
+        default=None,
+        metadata=option(metavar="PATH") | shown_default(".frame-cache next to the data"),
+    )
+    """Folder for the decoded frames."""
     save_s: float = field(default=60.0, metadata=_POSITIVE | NOT_AN_OPTION)
     """Time between saved states, s."""
     skip_broken: bool = False

@@ -113,12 +113,17 @@ def _trees(figures: Figures) -> str:
         _bars_card("Models of bark and form", figures["models"]),
         _keypoints(figures["keypoints"]),
     ]
-    note = "Shares of all labelled trees; what lies beyond an axis is counted in its last bar."
+    note = (
+        "Shares of all labelled trees, where nothing else is said; what lies beyond an axis is"
+        " counted in its last bar."
+    )
     return parts.heading("Trees", note) + parts.grid(cards)
 
 
-def _bars_card(title: str, counts: Mapping[str, int], note: str = "") -> str:
-    return parts.card(title, charts.named_bars(title, counts), note)
+def _bars_card(
+    title: str, counts: Mapping[str, int], note: str = "", total: int | None = None
+) -> str:
+    return parts.card(title, charts.named_bars(title, counts, total), note)
 
 
 def _number_card(title: str, counts: Sequence[int]) -> str:
@@ -126,7 +131,8 @@ def _number_card(title: str, counts: Sequence[int]) -> str:
     every = math.ceil(len(counts) / _MAX_LABELS)
     ticks = tuple((number + 0.5, f"{number}") for number in range(0, len(counts), every))
     axis = Axis(0, len(counts), ticks)
-    return parts.card(title, _columns(title, axis, counts, [f"{n}" for n in range(len(counts))]))
+    chart = _columns(title, axis, counts, [f"{n}" for n in range(len(counts))])
+    return parts.card(title, chart, "Shares of all frames.")
 
 
 def _histogram_card(title: str, one: Figures, unit: str) -> str:
@@ -174,13 +180,15 @@ def _flags(flags: Figures) -> list[charts.Part]:
 
 def _conditions(figures: Figures) -> str:
     cards = [
-        _bars_card("Ground", figures["terrain"], "frames"),
-        _histogram_card("Mean slope of a scene, degrees", figures["slope_deg"], "°"),
-        _histogram_card("Stems per hectare of a scene", figures["stems_per_ha"], ""),
-        _bars_card("Camera carried by", figures["carrier"], "frames"),
+        _bars_card("Ground", figures["terrain"], "Shares of all frames."),
+        _histogram_card("Mean slope, degrees: shares of scenes", figures["slope_deg"], "°"),
+        _histogram_card("Stems per hectare: shares of scenes", figures["stems_per_ha"], ""),
+        _bars_card("Camera carried by", figures["carrier"], "Shares of all frames."),
     ]
     if realism := figures["realism"]:
-        cards.append(_bars_card("Beyond the paper’s conditions", realism, "frames that have it"))
+        frames = sum(split["frames"] for split in figures["splits"].values())
+        note = "Frames that have it, and their share of all frames; a frame may have several."
+        cards.append(_bars_card("Beyond the paper’s conditions", realism, note, frames))
     table = _weather_by_light(figures["weather_by_light"])
     return parts.heading("Conditions") + table + parts.grid(cards)
 
@@ -212,7 +220,7 @@ def _sensors(figures: Figures) -> str:
         _bars_card(
             "Depth sensor",
             figures["depth_sensor"],
-            f"frames; pixels with a reading: {shares}",
+            f"Shares of all frames. Pixels with a reading: {shares}.",
         ),
         _bars_card(
             "Files of a frame, kB",

@@ -12,9 +12,9 @@ import os
 import signal
 import threading
 from collections.abc import Generator, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.scene_job import SceneJob, draw_scene
@@ -23,7 +23,10 @@ from perceptree.simulator.photographs.folder import PhotoFolder
 if TYPE_CHECKING:
     from perceptree.simulator.dataset.frames import Assets
 
+_TELL_S = 0.5
+
 _assets: Assets | None = None
+_drawn: Any = None  # counts the frames of all processes
 
 
 def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
@@ -34,7 +37,7 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
         workers: Maximum number of processes.
 
     Yields:
-        Number of frames of each scene when it is finished, in any order.
+        Number of frames that were drawn since it was told last, twice a second.
 
     Raises:
         OSError: If a file cannot be written.
@@ -45,13 +48,19 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
     context = multiprocessing.get_context("spawn")
     ended, running = context.Pipe(duplex=False)
     count = min(workers, len(jobs))
-    start = (ended, jobs[0].plan.photographs)
+    drawn, told = context.Value("q", 0), 0
+    start = (ended, jobs[0].plan.photographs, drawn)
     with ended, running, ProcessPoolExecutor(count, context, _start_worker, start) as pool:
         try:
             with _interrupts_held():
-                pending = [pool.submit(_draw, job) for job in jobs]
-            for done in as_completed(pending):
-                yield done.result()
+                pending = {pool.submit(_draw, job) for job in jobs}
+            while pending:
+                done, pending = wait(pending, _TELL_S, FIRST_COMPLETED)
+                for scene in done:
+                    scene.result()
+                now = drawn.value
+                yield now - told
+                told = now
         except BrokenProcessPool as error:
             raise DatasetError(
                 f"{jobs[0].directory}: a simulating process was killed, perhaps for lack of memory;"
@@ -79,7 +88,7 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _start_worker(
-    ended: multiprocessing.connection.Connection, photographs: PhotoFolder | None
+    ended: multiprocessing.connection.Connection, photographs: PhotoFolder | None, drawn: Any
 ) -> None:
     threading.Thread(target=_end_with_parent, args=(ended,), daemon=True).start()
 
@@ -88,7 +97,8 @@ def _start_worker(
 
     from perceptree.simulator.dataset.frames import make_assets
 
-    global _assets  # one set of textures per process
+    global _assets, _drawn  # one set of textures per process
+    _drawn = drawn
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in a shell's background jobs
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -108,4 +118,9 @@ def _end_with_parent(ended: multiprocessing.connection.Connection) -> None:
 
 def _draw(job: SceneJob) -> int:
     assert _assets is not None
-    return draw_scene(job, _assets)
+    return draw_scene(job, _assets, _count_frame)
+
+
+def _count_frame() -> None:
+    with _drawn.get_lock():
+        _drawn.value += 1

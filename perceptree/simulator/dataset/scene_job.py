@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,12 +104,13 @@ class SceneJob:
         return records if complete else []
 
 
-def draw_scene(job: SceneJob, assets: Assets) -> int:
+def draw_scene(job: SceneJob, assets: Assets, drawn: Callable[[], None] = lambda: None) -> int:
     """Simulate a scene, and write the files of its frames and then its shard.
 
     Args:
         job: The scene.
         assets: Textures and shared meshes.
+        drawn: Called after each frame.
 
     Returns:
         Number of frames.
@@ -118,7 +119,7 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
         OSError: If a file cannot be written; it has the name of the file.
         StoreError: If a file cannot be written to the store.
     """
-    content = draw_frames(job, assets)
+    content = draw_frames(job, assets, drawn)
     if job.store is None:
         write_atomically(job.shard, content)
     else:
@@ -126,19 +127,19 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
     return job.views
 
 
-def draw_frames(job: SceneJob, assets: Assets) -> bytes:
+def draw_frames(job: SceneJob, assets: Assets, drawn: Callable[[], None] = lambda: None) -> bytes:
     """Do as `draw_scene`, but return the content of the shard file instead of writing it."""
     if job.store is None:
-        return json.dumps(_draw_here(job, assets)).encode()
+        return json.dumps(_draw_here(job, assets, drawn)).encode()
     with tempfile.TemporaryDirectory() as folder:
         for name in FRAME_FOLDERS:
             (Path(folder) / name).mkdir()
-        records = _draw_here(replace(job, directory=Path(folder), store=None), assets)
+        records = _draw_here(replace(job, directory=Path(folder), store=None), assets, drawn)
         copy_folder(Path(folder), job.store)
     return json.dumps(records).encode()
 
 
-def _draw_here(job: SceneJob, assets: Assets) -> list[dict[str, Any]]:
+def _draw_here(job: SceneJob, assets: Assets, drawn: Callable[[], None]) -> list[dict[str, Any]]:
     """Simulate a scene, write the files of its frames, and return their records."""
     from perceptree.simulator.dataset.frames import simulate_frames
 
@@ -156,6 +157,7 @@ def _draw_here(job: SceneJob, assets: Assets) -> list[dict[str, Any]]:
             record["bytes"][name] = len(data)
         record["depth_valid_share"] = round(float(np.mean(frame.depth_m > 0)), 4)
         records.append(record)
+        drawn()
     if measured:
         data = _imu_table(np.concatenate(measured))
         (job.directory / job.imu_file).parent.mkdir(exist_ok=True)

@@ -129,7 +129,7 @@ def run_synth_shard(synth: SynthJob, shard: Shard, workers: int, progress: Progr
         synth: The dataset.
         shard: The shard.
         workers: Maximum number of processes.
-        progress: Told of every finished scene.
+        progress: Told of the drawn frames.
 
     Raises:
         DatasetError: If a folder cannot be written, or a process is killed.

@@ -1,11 +1,8 @@
 """What is told about a job while it runs: rate, cost and time left."""
 
-import io
-
 import pytest
 
 from basetree.jobs import Progress
-from basetree.jobs.progress import duration
 
 
 @pytest.fixture
@@ -16,39 +13,36 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return now
 
 
-def test_rate_cost_and_time_left(clock: list[float]) -> None:
-    stream = io.StringIO()
-    progress = Progress("simulating", cores=2, stream=stream)
+def test_rate_cost_and_time_left(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    progress = Progress("simulating", cores=2)
     progress.begin(1000, 400)
     clock[0] += 120
     progress.add(100, 90.0)
-    assert stream.getvalue().splitlines() == [
+    assert capsys.readouterr().err.splitlines() == [
         "400 of 1000 frames are finished from an earlier run",
         "simulating: 500 of 1000 frames, 50 frames/min, 0.5 core-hours per 1,000 frames,"
         " 10 min left",
     ]
 
 
-def test_lines_come_once_a_minute_and_at_the_end(clock: list[float]) -> None:
-    stream = io.StringIO()
-    progress = Progress("detecting", stream=stream)
+def test_lines_come_once_a_minute_and_at_the_end(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    progress = Progress("detecting")
     progress.begin(30, 0)
     for _ in range(30):
         clock[0] += 5
         progress.add(1, 5.0)
-    lines = stream.getvalue().splitlines()
-    assert len(lines) == 3
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
     assert lines[-1].startswith("detecting: 30 of 30 frames, 12 frames/min")
     assert "left" not in lines[-1]
 
 
-def test_nothing_is_told_if_it_is_not_shown(clock: list[float]) -> None:
-    stream = io.StringIO()
-    progress = Progress("detecting", shown=False, stream=stream)
+def test_nothing_is_told_if_it_is_not_shown(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    progress = Progress("detecting", shown=False)
     progress.begin(2, 1)
     progress.add(1, 1.0)
-    assert stream.getvalue() == ""
-
-
-def test_durations_are_for_people() -> None:
-    assert [duration(s) for s in (12, 89, 600, 7200)] == ["12 s", "89 s", "10 min", "2.0 h"]
+    assert capsys.readouterr().err == ""

@@ -7,7 +7,9 @@ import json
 import re
 from html.parser import HTMLParser
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -16,10 +18,11 @@ from bench_results import ACCURACY, result_of, row_of
 from basetree.errors import InputError
 from edgetree.bench.page import page_html
 from edgetree.bench.paper_table import PAPER
-from edgetree.bench.result import csv_text, markdown_text
+from edgetree.bench.result import csv_text, markdown_text, notes
 from edgetree.bench.stages import STAGES
 from edgetree.bench.stored import read_result
 from edgetree.bench.text_table import text_lines
+from edgetree.bench.winner import fastest_rows
 
 NAMES = ["r50", "r101", "x101-32x4d", "x101-32x8d", "edge-n"]
 
@@ -103,9 +106,10 @@ def test_the_figures_of_the_page_are_those_of_the_result() -> None:
     html = "".join(page_html(result_of(rows, ["r50", None])))
     cells = _Cells()
     cells.feed(html)
-    table = dict(zip(cells.rows[0], cells.rows[1], strict=True))
+    speed = dict(zip(cells.rows[0], cells.rows[1], strict=True))
+    table = speed | dict(zip(cells.rows[3], cells.rows[4], strict=True))
     assert (table["p50 ms"], table["box AP"], table["memory MiB"]) == ("41.24", "58.3", "3210")
-    assert (table["multiply-adds G"], table["FLOPs G"]) == ("510.40", "1020.80")
+    assert (table["multiply-adds G"], table["parameters M"]) == ("510.40", "124.70")
     assert cells.rows[2][0] == "<b>"
     assert "<b>:" not in html, "names are escaped"
     assert "<script" not in html
@@ -150,3 +154,46 @@ def test_the_papers_counts_are_those_of_the_classifiers() -> None:
         counted = classifier_cost(spec.backbone, spec.stride_in_1x1)
         assert counted.multiply_adds == pytest.approx(PAPER[network].multiply_adds, rel=0.01)
         assert counted.parameters == pytest.approx(PAPER[network].parameters, rel=0.01)
+
+
+def timed(name: str, *p50_ms: float) -> Any:
+    """A row with these medians of its rounds."""
+    rounds = [{"p50_ms": each, "p90_ms": each, "p99_ms": each, "fps": 1.0} for each in p50_ms]
+    return row_of(name, p50_ms=median(p50_ms), rounds=rounds)
+
+
+def test_the_fastest_variant_is_named_if_it_is_faster_than_noise_explains() -> None:
+    clear = result_of([timed("quick", 20, 21, 20), timed("slow", 30, 31, 30)])
+    assert [row["name"] for row in fastest_rows(clear)] == ["quick"]
+    assert "Fastest: quick float32" in next(notes(clear))
+    assert "fastest: quick" in "".join(page_html(clear))
+    close = result_of([timed("quick", 20, 24, 19), timed("slow", 23, 20, 25)])
+    assert len(fastest_rows(close)) == 2
+    assert next(notes(close)).startswith("No fastest variant: these are as fast as each other")
+    assert "fastest: " not in "".join(page_html(close))
+    assert next(notes(result_of([timed("alone", 20, 21)]))).startswith("a processor")
+
+
+def test_a_busy_machine_names_no_fastest_variant() -> None:
+    result = result_of([timed("quick", 20, 21, 20), timed("slow", 30, 31, 30)])
+    result["environment"] |= {"busy_cores": 0.9, "cores": 2}
+    assert len(fastest_rows(result)) == 1
+    result["environment"] |= {"busy_cores": 20.0, "cores": 2}
+    assert fastest_rows(result) == []
+    expected = "other work put a load of 20.0 on 2 cores in the last minute"
+    assert next(notes(result)).startswith(f"Busy machine: {expected}, so that times are too long")
+    html = "".join(page_html(result))
+    assert "the machine was busy with other work" in html
+    assert "fastest: " not in html
+
+
+def test_names_of_dots_do_not_cover_each_other() -> None:
+    rows = [
+        row_of(f"forest-{n}", p50_ms=20.0, accuracy=ACCURACY | {"box_ap": 58 + n / 100})
+        for n in range(6)
+    ]
+    html = "".join(page_html(result_of(rows)))
+    found = re.findall(r'y="([\d.]+)" text-anchor="(\w+)">forest-\d<', html)
+    assert len(found) == 6
+    heights = sorted(float(y) for y, _ in found)
+    assert all(high - low > 10 for low, high in pairwise(heights))

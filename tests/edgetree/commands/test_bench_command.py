@@ -51,7 +51,7 @@ def test_bench_of_backbones_prints_the_papers_table(
     done = run_cli("bench", *arguments, *QUICK)
     assert done.code == 0, done.err
     assert re.search(r"^r50 .* 18 ", done.out, flags=re.MULTILINE)
-    assert f"models: {tmp_path}" in done.err
+    assert f"2 of 2 files found in {tmp_path}, used again" in done.err
     assert "{" not in done.out
 
 

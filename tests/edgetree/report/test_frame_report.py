@@ -342,6 +342,16 @@ def test_a_reason_is_said_once_with_all_that_it_leaves_out(tmp_path: Path) -> No
     assert [row for row in rows if row[-1] == "plants"] == [["2", "DBH, cut height", "plants"]]
 
 
+def test_reasons_that_differ_in_numbers_only_are_one_with_their_range(tmp_path: Path) -> None:
+    found = [
+        replace(MEASURED, dbh_m=Failure(f"the stem ends at {top} m: expected 1.3 m"))
+        for top in ("0.9", "1.15", "0.95")
+    ]
+    page = written(tmp_path / "r.html", result("a", *found))
+    rows = [[cell.text for cell in row] for row in page.rows]
+    assert ["3", "DBH", "the stem ends at 0.9 to 1.15 m: expected 1.3 m"] in rows
+
+
 def test_totals_have_intervals_in_which_the_rig_does_not_average_away(tmp_path: Path) -> None:
     trees = [
         replace(

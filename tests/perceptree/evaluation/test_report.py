@@ -122,6 +122,18 @@ def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
     check_golden_layout("evaluation_report.txt", html)
 
 
+def test_settings_on_the_page_are_rows_of_words(
+    posts: Path, store_of: Any, oracle: Any, tmp_path: Path
+) -> None:
+    training = {"settings": {"batch": 8, "scale": [0.5, 2.0]}, "cameras": [{"name": "a"}]}
+    store = store_of(posts)
+    report = report_of(oracle(store), store, training=training)
+    html = report.write(tmp_path).read_text()
+    assert "training, settings, batch</td><td>8<" in html
+    assert "training, settings, scale</td><td>0.5, 2.0<" in html
+    assert not re.search(r"\{&#x27;|\{'", html.partition("</style>")[2])
+
+
 def test_the_page_of_a_depth_model_shows_colour_and_depth(
     posts: Path, store_of: Any, oracle: Any, tmp_path: Path
 ) -> None:

@@ -118,6 +118,16 @@ def test_the_page_is_whole_and_needs_nothing_else(dataset: Path, figures: dict):
     assert "nan" not in re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL).lower()
 
 
+def test_shares_say_what_they_are_shares_of(figures: dict):
+    from perceptree.simulator.dataset.pages import statistics_page
+
+    rare = figures | {"realism": {"caption": 6, "night": 3}}
+    page = statistics_page(rare)
+    assert "6 · 10 %" in page
+    assert "3 · 5 %" in page
+    assert page.count("hares of all frames") >= 4
+
+
 @pytest.fixture(scope="module")
 def record(dataset: Path) -> Callable[..., dict]:
     """A frame's record as the simulator writes it, of another frame, scene and weather."""

@@ -9,7 +9,6 @@ from types import ModuleType
 import pytest
 
 import calib
-from perceptree.commands import synth as command
 from perceptree.simulator.dataset import frozen
 from perceptree.simulator.dataset.frozen import describe_dataset
 from perceptree.simulator.settings import presets
@@ -183,25 +182,6 @@ def test_a_mistake_is_one_line_and_exit_code_two(call: Call, tmp_path: Path, mis
     assert told.count("\n") == 1
     assert expected in told
     assert not (tmp_path / "out").exists()
-
-
-def test_the_bar_tells_rate_and_time_left_of_this_run_alone(monkeypatch: pytest.MonkeyPatch):
-    class Bar:
-        pos, current_item = 0, None
-
-        def update(self, steps: int) -> None:
-            self.pos += steps
-
-    now_s = iter([100.0, 100.0, 160.0, 220.0])
-    monkeypatch.setattr(command.time, "monotonic", lambda: next(now_s))
-    bar = Bar()
-    progress = command._Progress(bar)
-    progress(500, 1000)
-    assert (bar.pos, bar.current_item) == (500, "")
-    progress(600, 1000)
-    assert (bar.pos, bar.current_item) == (600, "100 frames/min, 4 min left")
-    progress(620, 1000)
-    assert bar.current_item == "60 frames/min, 6 min left"
 
 
 SCENE_MISTAKES = {
