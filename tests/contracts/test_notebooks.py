@@ -10,6 +10,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+LAST_FILES = {
+    "first": "samples/camera.json",
+    "train": "found/labels.json",
+    "live": "stems.geojson",
+}
 by_name = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
@@ -23,18 +28,11 @@ def pictures(book):
     return [output for output in outputs(book) if "image/jpeg" in output.get("data", {})]
 
 
-def failed_commands(book):
-    """Lines of the outputs in which a command tells what is wrong."""
-    text = "".join("".join(output.get("text", "")) for output in outputs(book))
-    return [line for line in text.splitlines() if line.startswith(("edgetree: ", "perceptree: "))]
-
-
 @by_name
 def test_a_notebook_keeps_one_picture_and_is_small(path):
     book = json.loads(path.read_text("utf-8"))
     assert path.stat().st_size < 300_000
     assert len(pictures(book)) == 1
-    assert failed_commands(book) == []
     assert str(Path.home()) not in path.read_text("utf-8")
 
 
@@ -61,4 +59,4 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     )
     client.execute()
     assert len(pictures(book)) == 1
-    assert failed_commands(book) == []
+    assert (tmp_path / LAST_FILES[path.stem]).is_file()
