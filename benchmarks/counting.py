@@ -111,7 +111,7 @@ def _places(folder: Path, image: dict[str, Any], trees: TreeDetections) -> Float
     """(N, 2) places of the lower halves of the masks in the world, from the exact depth."""
     depth_m = read_depth(folder / "depth_exact" / Path(image["depth_file"]).name)
     size = (trees.image_width, trees.image_height)
-    depth_m = cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST)
+    depth_m = np.asarray(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
     pose = image["pose_world"]
     to_world = RigidTransform(np.transpose(pose["rotation"]), pose["origin_m"])
     camera, found = PinholeCamera.from_dict(image["camera"]), np.full((len(trees), 2), np.inf)

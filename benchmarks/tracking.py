@@ -35,7 +35,7 @@ from benchmarks.tracking_fusion import (
     single_frames,
 )
 from benchmarks.tracking_plot import plot
-from benchmarks.tracking_scores import ScoredFrame, byte_track, scores
+from benchmarks.tracking_scores import ScoredFrame, byte_track, has_byte_track, scores
 from benchmarks.tracking_stand import twenty_stems
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
@@ -203,7 +203,7 @@ def identities(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
             )
             for known, given in known_here().items()
         }
-        if importlib.util.find_spec("supervision") is not None:
+        if has_byte_track():
             rate_hz = _RATE_HZ / step
             entry["bytetrack"] = scores(
                 [

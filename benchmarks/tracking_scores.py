@@ -3,12 +3,15 @@
 IDF1 after Ristani et al., "Performance measures and a data set for multi-target, multi-camera
 tracking" (2016); HOTA after Luiten et al., "HOTA: a higher order metric for evaluating multi-object
 tracking" (2021), averaged over box overlaps of 0.05 to 0.95. Needs scipy, ByteTrack needs
-supervision.
+`supervision` before 0.27.
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -43,10 +46,16 @@ def scores(drives: Iterable[list[ScoredFrame]]) -> dict[str, float | int]:
     }
 
 
+def has_byte_track() -> bool:
+    """Whether a `supervision` that has ByteTrack is installed."""
+    if importlib.util.find_spec("supervision") is None:
+        return False
+    return hasattr(importlib.import_module("supervision"), "ByteTrack")
+
+
 def byte_track(frames: list[TreeDetections], rate_hz: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Boxes and identities of each frame by ByteTrack with its default settings."""
-    import supervision
-
+    supervision: Any = importlib.import_module("supervision")
     tracker = supervision.ByteTrack(frame_rate=round(max(rate_hz, 1)))
     result = []
     for trees in frames:

@@ -111,6 +111,7 @@ def live(
     from edgetree.live.health import ServiceHealth, StateReporter
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
+    from edgetree.measure.estimates import Failure
 
     score_threshold = model_options.score_threshold
     model, rig, settings = checked_set_up(
@@ -193,7 +194,11 @@ def live(
         note(pipeline.status.line())
         if pipeline.in_picture is not None and pipeline.in_picture.frames > 1:
             found = pipeline.in_picture.different()
-            note(different_words(found) if found else f"trees not counted: {found.reason}")
+            note(
+                f"trees not counted: {found.reason}"
+                if isinstance(found, Failure)
+                else different_words(found)
+            )
         note(model_words(detector, model_path))
     guarded.check()
     check_complete(source, pipeline.status.remarks)
