@@ -211,7 +211,7 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _give_back(self, slot: Slot, answer: ResultAnswer | UnusedAnswer | ErrorAnswer) -> None:
+    def _give_back(self, slot: Slot, answer: Answer) -> None:
         """Let the memory of a frame that has its answer be used again."""
         if not isinstance(answer, ErrorAnswer):
             slot.was_read = True
