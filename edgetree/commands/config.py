@@ -13,8 +13,9 @@ from basetree.program.console import tell
 from basetree.program.help import new_app
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
+from basetree.program.talking import TalkOptions
 from edgetree.commands.csv_options import CsvOptions
-from edgetree.commands.live import ModelOptions, checked_set_up, live
+from edgetree.commands.live import ModelOptions, checked_set_up, live_command
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
@@ -45,11 +46,11 @@ def check(
     """
     from basetree.errors import InputError
 
-    setup = read_setup(file, live)
+    setup = read_setup(file, live_command)
     with lines_named(setup):
         if "source" not in setup.values:
             raise InputError(f"{file}: source is missing: expected a camera or a recording")
-        defaults = {key.parameter: key.default for key in setup_keys(live).values()}
+        defaults = {key.parameter: key.default for key in setup_keys(live_command).values()}
         _check_options(**_typed({**defaults, **setup.values}))
     tell(f"{file}: {counted(len(setup.lines), 'setting')}, all valid")
 
@@ -65,8 +66,12 @@ def show(
 
     What it prints is a set-up file: `edgetree config show > edgetree.toml` begins one.
     """
-    setup = None if file is None else read_setup(file, live)
-    for line in setup_text(live, setup, _HIDDEN).splitlines():
+    from edgetree.sources.cameras.opencv import without_password
+
+    setup = None if file is None else read_setup(file, live_command)
+    source = "" if setup is None else setup.values.get("source", "")
+    hidden = _HIDDEN if without_password(source) == source else _HIDDEN | {"source"}
+    for line in setup_text(live_command, setup, hidden).splitlines():
         tell(line)
 
 
@@ -83,9 +88,10 @@ def _check_options(
     csv_options: CsvOptions,
     record_options: LiveRecordOptions,
     session: SessionOptions,
+    talk: TalkOptions,
 ) -> None:
     """Check what `edgetree live` checks before it opens anything."""
-    page_options.check()
+    page_options.check(source)
     csv_options.style(outputs.csv)
     checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
@@ -94,7 +100,7 @@ def _check_options(
 
 def _typed(values: dict[str, Any]) -> dict[str, Any]:
     """The values as the command gets them: paths are texts in a set-up file."""
-    keys = {key.parameter: key for key in setup_keys(live).values()}
+    keys = {key.parameter: key for key in setup_keys(live_command).values()}
     return {
         name: Path(value) if keys[name].kind is Path and value is not None else value
         for name, value in values.items()

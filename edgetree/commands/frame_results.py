@@ -90,7 +90,9 @@ class Totals:
 
     Attributes:
         rig: The cameras, for how their depth was taken.
-        stems: Follows the stems of a video or recording; None for pictures in no order.
+        stems: Follows the stems of a video or recording; None for pictures in no order, and for
+            several sources.
+        are_pictures: Whether no source is a video or recording.
     """
 
     rig: Rig = field(default_factory=Rig)
@@ -104,6 +106,7 @@ class Totals:
     exponents: list[RangeExponent] = field(default_factory=list)
     checked_kinds: int = 0
     stems: PictureTracker | None = None
+    are_pictures: bool = True
 
     @property
     def frames(self) -> int:
@@ -134,7 +137,8 @@ class Totals:
         )
         if self.frames > 1 and self.trees:
             if self.stems is None:
-                yield "pictures in no order: the same trees may be in several of them"
+                what = "pictures in no order" if self.are_pictures else "several sources"
+                yield f"{what}: the same trees may be in several of them"
             elif isinstance(found := self.stems.different(), Failure):
                 yield f"different trees not counted: {found.reason}"
         if self.metres_need is not None:

@@ -14,6 +14,7 @@ import typer
 from basetree.program.console import note
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import naming_lines, take_setup
+from basetree.program.talking import with_talk_options
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import (
     LiveMetresOptions,
@@ -45,7 +46,7 @@ _Write: TypeAlias = "Callable[[LiveResult], object]"
 
 
 def _read_setup(context: typer.Context, path: Path | None) -> Path | None:
-    take_setup(context, path, live)
+    take_setup(context, path, live_command)
     return path
 
 
@@ -112,12 +113,15 @@ def live(
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
     from edgetree.measure.estimates import Failure
+    from edgetree.sources.cameras.opencv import without_password
 
+    shown = without_password(source)
     score_threshold = model_options.score_threshold
     model, rig, settings = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
     style = csv_options.style(outputs.csv)
+    page_options.check_service(source)
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
@@ -129,7 +133,7 @@ def live(
         record_options.recording(
             lambda: run_record(
                 model_path,
-                source=source,
+                source=shown,
                 score_threshold=score_threshold,
                 rig=rig,
                 settings=settings,
@@ -165,7 +169,7 @@ def live(
         def open_outputs() -> list[_Write]:
             nonlocal is_open
             outputs.open_files(
-                guarded, source, model_path.name, style, to_stdout=to_stdout, states=is_live
+                guarded, shown, model_path.name, style, to_stdout=to_stdout, states=is_live
             )
             is_open = True
             writes: list[_Write] = [guarded.write]
@@ -201,7 +205,11 @@ def live(
             )
         note(model_words(detector, model_path))
     guarded.check()
-    check_complete(source, pipeline.status.remarks)
+    check_complete(shown, pipeline.status.remarks)
+
+
+live_command = with_talk_options(live)
+"""The command with all the options that it has on the command line, for its set-up file."""
 
 
 def checked_set_up(
@@ -238,6 +246,8 @@ def checked_set_up(
     has_depth = source_options.has_depth(source)
     outputs.check_places(source, has_depth=has_depth or rig_options.references() is not None)
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
+    source_options.check(source, rig)
+    record_options.check()
     return model or suited_model(has_depth), rig, settings
 
 

@@ -139,7 +139,6 @@ class LiveSourceOptions:
         from edgetree.sources.playing import PacedSource
 
         if service is not None and source == CLIENTS:
-            self._check_for_clients(rig)
             return service.open_source(rig)
         path = Path(source)
         are_files = path.exists() and not (is_bag(path) or is_drive(path) or is_capture(path))
@@ -154,10 +153,12 @@ class LiveSourceOptions:
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
 
-    def _check_for_clients(self, rig: Rig) -> None:
+    def check(self, source: str, rig: Rig) -> None:
         """Raise InputError for an option that programs which hand frames over state themselves."""
         from edgetree.sources.opening import check_options
 
+        if source != CLIENTS:
+            return
         wrong = {
             "topics": bool(self.topic),
             "depth_scale_m": rig.depth_scale_m is not None,
@@ -257,29 +258,37 @@ class LivePageOptions:
         """Listen for other programs during a block; yields None if it is not wanted.
 
         Raises:
-            InputError: The source is other programs, and no address is given.
+            InputError: The address cannot be used.
+            Unavailable: It is taken.
         """
         if self.serve is None:
-            if source == CLIENTS:
-                from basetree.errors import InputError
-
-                raise InputError(
-                    f"the source is {CLIENTS} without --serve: expected the address where they"
-                    " connect, such as --serve tcp://127.0.0.1:8430"
-                )
             yield None
             return
         from edgetree.serve import Service
 
-        with Service(self.serve) as service:
+        with Service(self.serve, takes_frames=source == CLIENTS) as service:
             note(f"service: {service.address}")
             yield service
 
-    def check(self) -> None:
+    def check(self, source: str) -> None:
         """Raise InputError if a value cannot be used."""
         from edgetree.live.page import PageServer
 
         PageServer(self.host, self.port, self.token)
+        self.check_service(source)
+
+    def check_service(self, source: str) -> None:
+        """Raise InputError if the address of the service cannot be used, or is missing."""
+        from basetree.errors import InputError
+        from edgetree.serve.router import endpoint
+
+        if self.serve is not None:
+            endpoint(self.serve)
+        elif source == CLIENTS:
+            raise InputError(
+                f"the source is {CLIENTS} without --serve: expected the address where they"
+                " connect, such as --serve tcp://127.0.0.1:8430"
+            )
 
     @contextmanager
     def serving(
@@ -299,7 +308,5 @@ class LivePageOptions:
 
         page = PageServer(self.host, self.port, self.token, recorder=recorder, health=health)
         with closing(page):
-            page.start(waits=waits)
-            if page.address:
-                note(f"page: {page.address}")
+            page.start(waits=waits, on_served=lambda address: note(f"page: {address}"))
             yield page

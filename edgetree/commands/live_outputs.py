@@ -129,6 +129,7 @@ class LiveOutputs:
             has_depth: Whether it has depth, or an option tells distances without it.
         """
         from basetree.errors import InputError
+        from edgetree.sources.cameras.opencv import without_password
         from edgetree.sources.opening import is_stream
 
         if has_depth or is_stream(Path(source)):
@@ -136,9 +137,9 @@ class LiveOutputs:
         for name in ("map", "report"):
             if getattr(self, name) is not None:
                 raise InputError(
-                    f"--{name} needs stems in metres, and {source} has no depth: expected a source"
-                    " with depth, --depth, or without depth --camera and --camera-height; `edgetree"
-                    " run` counts stems in the picture"
+                    f"--{name} needs stems in metres, and {without_password(source)} has no depth:"
+                    " expected a source with depth, --depth, or without depth --camera and"
+                    " --camera-height; `edgetree run` counts stems in the picture"
                 )
 
     def origin(self) -> MapOrigin | None:
@@ -164,8 +165,12 @@ class LiveOutputs:
             InputError: Options contradict each other, a value is wrong, or a file cannot be read.
         """
         from edgetree.sinks.maps import check_map_name
+        from edgetree.sinks.mqtt import MQTT_PORT
+        from edgetree.sinks.network import host_and_port
 
         self.origin()
+        if self.udp is not None:
+            host_and_port(self.udp)
         if self.map is not None:
             check_map_name(self.map)
         if self.mqtt is None:
@@ -176,6 +181,7 @@ class LiveOutputs:
                 name = given[0].replace("_", "-")
                 raise InputError(f"--mqtt-{name} given without --mqtt: expected both")
             return
+        host_and_port(self.mqtt, MQTT_PORT)
         mqtt.password()
         mqtt.tls_context()
 
@@ -289,6 +295,11 @@ class LiveRecordOptions:
     record: _Record = None
     record_all: _RecordAll = False
 
+    def check(self) -> None:
+        """Raise InputError if there is no folder to record in."""
+        if self.record_all and self.record is None:
+            raise InputError("--record-all given without --record: expected both")
+
     @contextmanager
     def recording(self, about: Callable[[], dict[str, Any]]) -> Iterator[FrameRecorder | None]:
         """Record during a block; yields None if it is not wanted.
@@ -297,14 +308,12 @@ class LiveRecordOptions:
             about: Returns what recordings say about the run.
 
         Raises:
-            InputError: The folder is a file, or is missing for `--record-all`.
+            InputError: The folder is a file.
             MissingPackage: Rosbags is not installed.
         """
         from edgetree.live.recording import FrameRecorder
 
         if self.record is None:
-            if self.record_all:
-                raise InputError("--record-all given without --record: expected both")
             yield None
             return
         recorder = FrameRecorder(self.record, everything=self.record_all, about=about())

@@ -311,8 +311,9 @@ def run(
     settings = rig_options.settings()
     are_files = one is None or (one.is_dir() and not is_stream(one))
     is_followed = one is not None and (is_stream(one) or is_video(one))
+    are_pictures = not any(is_stream(path) or is_video(path) for path in sources.paths)
     stems = PictureTracker() if is_followed else None
-    totals = Totals(rig, stems=stems)
+    totals = Totals(rig, stems=stems, are_pictures=are_pictures)
     left_out = LeftOut(inputs.strict_frames or not are_files)
     other = OtherModel(detector, session)
     records: list[dict[str, Any]] = []

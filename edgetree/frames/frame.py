@@ -13,6 +13,7 @@ from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 
 _LEAST_LEVEL_PART: Final = 0.1
+_LARGEST_TIME_S: Final = 1e11  # three thousand years: milliseconds since 1970 are more
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,13 @@ class Frame:
     depth_noise: DepthNoise | None = None
     filled_depth_m: NDArray[np.float32] | None = None
     exif_focal_px: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_s is not None and not abs(self.time_s) <= _LARGEST_TIME_S:
+            raise InputError(
+                f"time_s of {self.where} is {self.time_s:g}: expected seconds, not more than"
+                f" {_LARGEST_TIME_S:g}"
+            )
 
     @property
     def where(self) -> str:

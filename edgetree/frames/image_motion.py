@@ -12,6 +12,7 @@ from basetree.arrays import Float, UInt8
 _MOST_POINTS: Final = 200
 _MIN_POINTS: Final = 20
 _WIDTH_PX: Final = 480
+_MOST_SCALE: Final = 4.0  # from frame to frame: beyond, it is no motion of the camera
 
 
 def small_grey(picture: UInt8) -> UInt8:
@@ -53,6 +54,9 @@ def similarity(before: UInt8, now: UInt8) -> Float | None:
         corners[kept], moved[kept], ransacReprojThreshold=2.0
     )
     if matrix is None or inliers.sum() < _MIN_POINTS:
+        return None
+    scale = np.hypot(*matrix[0, :2])  # a similarity has the same in both directions
+    if not 1 / _MOST_SCALE < scale < _MOST_SCALE:
         return None
     matrix[:, 2] /= _WIDTH_PX
     return np.asarray(matrix, np.float64)

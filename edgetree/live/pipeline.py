@@ -111,14 +111,16 @@ class LivePipeline:
     @property
     def status(self) -> LiveStatus:
         """Rates, times and counts so far."""
-        counts = Counter[str]() if self._source is None else Counter(self._source.counts)
+        source = self._source  # which the thread that reads may take away
+        counts = Counter[str]() if source is None else Counter(source.counts)
         return self._recorder.status(self._frames.dropped, self._counts_before + counts)
 
     def stop(self) -> None:
         """End the iteration after the result in progress. May be called from any thread."""
         self._stopping.set()
-        if self._source is not None:
-            self._source.close()
+        source = self._source
+        if source is not None:
+            source.close()
         self._frames.end()
         self._detected.end()
 

@@ -47,7 +47,8 @@ class Client:
     Args:
         address: Where the service listens.
         timeout_s: Longest time to wait for an answer, s.
-        shared_memory: Whether pixels go through shared memory; by default where there is some.
+        shared_memory: Whether pixels go through shared memory; by default where there is some. They
+            go with the messages if the service cannot read it, as that of another user.
 
     Examples:
         >>> from edgetree.serve import Client
@@ -72,8 +73,8 @@ class Client:
         self._socket.setsockopt(zmq.LINGER, _GOODBYE_MS)
         self._socket.setsockopt(zmq.SNDHWM, _MOST_MESSAGES)
         self._socket.connect(address)
-        uses_memory = IS_THERE if shared_memory is None else shared_memory
-        self._free = [Slot() for _ in range(_SLOTS)] if uses_memory else []
+        self._uses_memory = IS_THERE if shared_memory is None else shared_memory
+        self._free = [Slot() for _ in range(_SLOTS)]
         self._used: dict[int, Slot] = {}
         self._ids = itertools.count()
 
@@ -165,9 +166,7 @@ class Client:
         answer: Answer = msgspec.json.decode(self._socket.recv_multipart()[-1], type=Answer)
         id_ = None if isinstance(answer, StatusAnswer) else answer.id
         if id_ is not None and (slot := self._used.pop(id_, None)) is not None:
-            if isinstance(answer, ErrorAnswer):
-                slot.close()
-            self._free.append(slot)
+            self._give_back(slot, answer)
         return answer
 
     def watch(self) -> Iterator[dict[str, Any]]:
@@ -212,6 +211,17 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _give_back(self, slot: Slot, answer: Answer) -> None:
+        """Let the memory of a frame that has its answer be used again."""
+        if not isinstance(answer, ErrorAnswer):
+            slot.was_read = True
+        elif answer.error.startswith(UNREADABLE) and not slot.was_read:
+            # New memory is unreadable for a service of another user: pixels go with the messages.
+            self._uses_memory = False
+        if isinstance(answer, ErrorAnswer):
+            slot.close()
+        self._free.append(slot)
+
     def _answer_to(self, id_: int) -> ResultAnswer | UnusedAnswer | ErrorAnswer:
         end_s = time.monotonic() + self._timeout_s
         while True:
@@ -223,7 +233,7 @@ class Client:
         self, id_: int, arrays: list[NDArray[Any]]
     ) -> tuple[list[Memory | None], list[NDArray[Any]]]:
         """Where each array is in shared memory; or None, and the arrays as parts of the message."""
-        if not self._free:
+        if not (self._uses_memory and self._free):
             return [None] * len(arrays), arrays
         slot = self._used[id_] = self._free.pop()
         try:

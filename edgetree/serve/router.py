@@ -9,7 +9,7 @@ import socket
 from contextlib import suppress
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
-from basetree.errors import InputError, MissingPackage, install_hint
+from basetree.errors import InputError, MissingPackage, Unavailable, install_hint
 from edgetree.serve.handed import LARGEST_PART_BYTES
 
 Sender: TypeAlias = tuple[bytes, ...]
@@ -24,6 +24,7 @@ _HEARTBEAT_MS, _DEAD_MS = 2000, 6000
 _BACKLOG: Final = 1024
 _LAST_ANSWERS_MS: Final = 200
 _OPEN_FILES: Final = 8192
+_PASSING: Final = (errno.EADDRINUSE, errno.EADDRNOTAVAIL)
 
 
 class Letter(NamedTuple):
@@ -72,7 +73,8 @@ class Router:
         address: Where it listens, with the port.
 
     Raises:
-        InputError: The address cannot be used, or is taken.
+        InputError: The address cannot be used.
+        Unavailable: It is taken.
         MissingPackage: ZeroMQ is not installed.
     """
 
@@ -88,7 +90,8 @@ class Router:
             self._socket.bind(where)
         except (zmq.ZMQError, OSError) as error:
             self._context.destroy(linger=0)
-            raise InputError(
+            kind = Unavailable if error.errno in _PASSING else InputError
+            raise kind(
                 f"the service cannot listen at {address} ({_reason(error)}): expected a free"
                 " port, or a file in a folder that exists"
             ) from error
@@ -175,7 +178,7 @@ def _check_not_taken(address: str) -> None:
 
 def _reason(error: OSError) -> str:
     """Why it failed, without the address that ZeroMQ adds."""
-    return str(error.strerror).partition(" (addr")[0]
+    return str(error.strerror or error).partition(" (addr")[0]
 
 
 def _allow_connections() -> None:

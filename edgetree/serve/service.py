@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 _NEWER: Final = "a newer frame had arrived"
 _GONE: Final = "the program that handed frames over has gone"
 _ENDS: Final = "the service ends"
+_OTHER_SOURCE: Final = (
+    "the service measures another source: expected `edgetree live clients`, or messages that watch"
+)
 _MOST_WATCHERS: Final = 1024
 _AT_ONCE: Final = 64  # messages that are read before answers are sent
 _ASK_AGAIN_S: Final = 0.5
@@ -70,6 +73,7 @@ class Service:
 
     Args:
         address: Such as tcp://127.0.0.1:8430, where port 0 is any free one, or ipc:///run/FILE.
+        takes_frames: Whether programs may hand frames over; if not, they watch alone.
         silent_s: After this time without a frame another program may hand frames over, and the
             source is lost.
 
@@ -78,15 +82,16 @@ class Service:
         status_of: Returns the state of the pipeline; None until there is one.
 
     Raises:
-        InputError: The address cannot be used, or is taken.
+        InputError: The address cannot be used.
+        Unavailable: It is taken.
         MissingPackage: ZeroMQ is not installed.
     """
 
-    def __init__(self, address: str, *, silent_s: float = 5.0) -> None:
+    def __init__(self, address: str, *, takes_frames: bool = True, silent_s: float = 5.0) -> None:
         self._router = Router(address)
         self.address = self._router.address
         self.status_of: Callable[[], LiveStatus] | None = None
-        self._silent_s = silent_s
+        self._takes_frames, self._silent_s = takes_frames, silent_s
         self._faults = Faults()
         self._answers: queue.SimpleQueue[tuple[Sender | None, bytes]] = queue.SimpleQueue()
         self._asked: dict[int, _Asked] = {}
@@ -232,6 +237,8 @@ class Service:
         self._memories.close()
         before, self._frames = self._frames, self._handover()
         before.end(SourceLost(why))
+        for number in list(self._asked):  # nobody may come to take the frame that waits
+            self._left_out(number, why)
 
     def _take(self, letter: Letter) -> None:
         """Do what a message asks for."""
@@ -273,6 +280,9 @@ class Service:
 
     def _take_frame(self, letter: Letter, message: FrameMessage) -> None:
         sender, refuse = letter.sender, partial(self._refuse, letter.sender, message.id)
+        if not self._takes_frames:
+            refuse("frame that nobody asked for", _OTHER_SOURCE)
+            return
         if self._is_taken(sender):
             refuse(
                 "program too many",

@@ -112,10 +112,16 @@ def remove_left_behind() -> int:
 
 
 class Slot:
-    """Shared memory of a client for the pixels of one frame at a time."""
+    """Shared memory of a client for the pixels of one frame at a time.
+
+    Attributes:
+        name: As for `shm_open`; empty before the first frame.
+        was_read: Whether a service has read it.
+    """
 
     def __init__(self) -> None:
         self.name = ""
+        self.was_read = False
         self._memory: mmap.mmap | None = None
 
     def write(self, arrays: Sequence[NDArray[Any]]) -> list[int]:
@@ -138,6 +144,7 @@ class Slot:
 
     def _made(self, size: int) -> mmap.mmap:
         """New memory of a size, with a new name."""
+        self.was_read = False
         self.name = f"/{_PREFIX}{os.getpid()}-{next(_NUMBERS)}-{time.monotonic_ns()}"
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         file = os.open(FOLDER / self.name.removeprefix("/"), flags, 0o600)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
 
 _LOGGER: Final = logging.getLogger(__name__)
-_PORT, _TLS_PORT = 1883, 8883
+MQTT_PORT, _TLS_PORT = 1883, 8883
 _MOST_BYTES: Final = 65_536
 _KEEPALIVE_S: Final = 10  # the broker publishes the will after 15 s of silence
 _LONGEST_WAIT_S: Final = 10  # until the next attempt to connect
@@ -47,7 +47,7 @@ class MqttSink:
     def __init__(self, address: str, settings: MqttSettings | None = None) -> None:
         self._settings = settings or MqttSettings()
         context = self._settings.tls_context()
-        host, port = host_and_port(address, _PORT if context is None else _TLS_PORT)
+        host, port = host_and_port(address, MQTT_PORT if context is None else _TLS_PORT)
         self.lost = 0
         self._broker = f"MQTT broker {host}:{port}"
         self._sequence = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Final, Literal
 
 import cv2
@@ -66,8 +65,6 @@ def frame_from_arrays(
     """
     if image is None and depth is None:
         raise InputError(f"frame {number} has neither image nor depth: expected one of them")
-    if not math.isfinite(time_s):
-        raise InputError(f"time_s of frame {number} is {time_s}: expected seconds")
     pixels = None if image is None else bgr_image(image, colour_order, f"image of frame {number}")
     shape = np.asarray(depth if pixels is None else pixels).shape[:2]
     if camera is not None and len(shape) == 2 and (camera.height, camera.width) != shape:

@@ -188,10 +188,11 @@ def drive_frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def service(folder: Path) -> Iterator[str]:
-    """Run `edgetree live clients --serve` for as many frames as there are; yields its address."""
+def service(folder: Path, before: str = "") -> Iterator[str]:
+    """Run `edgetree live clients --serve` after some Python code; yields its address."""
     address = f"ipc://{folder}/service"
-    command = [sys.executable, "-m", "edgetree", "live", "clients", "--serve", address]
+    program = f"{before}\nfrom edgetree.cli import main\nmain()"
+    command = [sys.executable, "-c", program, "live", "clients", "--serve", address]
     with (folder / "service.log").open("w") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log)
         try:
@@ -199,6 +200,17 @@ def service(folder: Path) -> Iterator[str]:
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(60)
+
+
+OF_ANOTHER_USER = """
+from basetree.errors import InputError
+from edgetree.serve.shared_memory import OpenMemories
+
+def read(memories, image):
+    raise InputError("shared memory x cannot be read (Permission denied)")
+
+OpenMemories.read = read
+"""
 
 
 def check_metres(folder: Path, answers: str) -> None:
@@ -216,7 +228,8 @@ def check_metres(folder: Path, answers: str) -> None:
         ]
 
 
-def test_a_cpp_program_gets_metres_through_the_service(drive_frames: Path) -> None:
+@pytest.mark.parametrize("before", ["", OF_ANOTHER_USER], ids=["memory", "parts"])
+def test_a_cpp_program_gets_metres_through_the_service(drive_frames: Path, before: str) -> None:
     pytest.importorskip("zmq")
     script = str(HOSTS / "service" / "zmq_library.py")
     library = run_checked(sys.executable, script).strip()
@@ -227,7 +240,7 @@ def test_a_cpp_program_gets_metres_through_the_service(drive_frames: Path) -> No
     run_checked(cmake, "-S", source, "-B", build, f"-DZMQ_LIBRARY={library}")
     run_checked(cmake, "--build", build)
     frames = str(drive_frames / "frames")
-    with service(drive_frames) as address:
+    with service(drive_frames, before) as address:
         answers = run_checked(str(Path(build) / "measure_frames"), address, frames)
     check_metres(drive_frames, answers)
 

@@ -6,6 +6,7 @@ import errno
 import logging
 import socket
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError, Unavailable
@@ -84,11 +85,14 @@ class PageServer:
         self._waiting: threading.Thread | None = None
         self._closing = threading.Event()
 
-    def start(self, *, waits: bool = False) -> None:
+    def start(
+        self, *, waits: bool = False, on_served: Callable[[str], object] | None = None
+    ) -> None:
         """Start to listen.
 
         Args:
             waits: Whether a port that is taken is waited for, in a thread, instead of an error.
+            on_served: Called with `address` once the page is there, from that thread if it waited.
 
         Raises:
             Unavailable: The port is taken, or the address is not one of this machine.
@@ -100,10 +104,15 @@ class PageServer:
             if not waits:
                 raise
             _LOGGER.warning("%s; it is tried again every %g s", error, _AGAIN_S)
-            self._waiting = threading.Thread(target=self._wait, name="page-wait", daemon=True)
+            self._waiting = threading.Thread(
+                target=self._wait, args=(on_served,), name="page-wait", daemon=True
+            )
             self._waiting.start()
+            return
+        if on_served is not None:
+            on_served(self.address)
 
-    def _wait(self) -> None:
+    def _wait(self, on_served: Callable[[str], object] | None) -> None:
         """The thread that waits for the port."""
         while not self._closing.wait(_AGAIN_S):
             try:
@@ -111,6 +120,8 @@ class PageServer:
             except Unavailable:
                 continue
             _LOGGER.warning("the page is served at last: port %d is free", self._where[1])
+            if on_served is not None:
+                on_served(self.address)
             return
 
     def _listen(self) -> None:

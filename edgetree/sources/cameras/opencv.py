@@ -66,7 +66,7 @@ class _Camera(BaseSource):
         camera: calib.PinholeCamera | None,
         up: NDArray[np.float64] | None,
     ) -> None:
-        super().__init__(f"camera {_without_password(address)}")
+        super().__init__(f"camera {without_password(address)}")
         self.counts["replaced by newer frames"] = 0
         self._camera, self._up = camera, up
         self._start_s = time.time() - time.monotonic()
@@ -148,9 +148,9 @@ class _Camera(BaseSource):
         capture.release()
 
 
-def _without_password(address: int | str) -> str:
+def without_password(address: int | str) -> str:
     """An address as messages show it; user and password may stand before its host."""
-    return re.sub(r"//[^/@]*@", "//", str(address))
+    return re.sub(r"//[^/]*@", "//", str(address))
 
 
 def _open(address: int | str, name: str, camera: calib.PinholeCamera | None) -> cv2.VideoCapture:

@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from basetree.program.setup_file import setup_keys
-from edgetree.commands.live import live
+from edgetree.commands.live import live_command
 
 Cli = Callable[..., Any]
 
@@ -53,13 +53,14 @@ def test_typed_options_override_the_file(run_cli: Cli, setup: Path, tmp_path: Pa
 
 def test_every_option_of_live_is_a_setting() -> None:
     app = typer.Typer(add_completion=False)
-    app.command()(live)
+    app.command()(live_command)
     options = {
         name.removeprefix("--")
         for parameter in typer.main.get_command(app).params
         for name in parameter.opts
+        if not re.fullmatch("-[a-z]", name)
     }
-    assert options - {"config", "help"} == set(setup_keys(live))
+    assert options - {"config", "help"} == set(setup_keys(live_command))
 
 
 def test_a_valid_file_is_said_to_be_valid(run_cli: Cli, setup: Path) -> None:
@@ -83,6 +84,11 @@ MISTAKES = {
         'mqtt = "b"\nmqtt-user = "u"\nmqtt-password-file = "none"',
         "line 8: .*none: no such file, expected a password",
     ),
+    "broker": ('mqtt = "b:0"', "line 6: the address is 'b:0'"),
+    "controller": ('udp = "cab"', "line 6: the address is 'cab': expected HOST:PORT"),
+    "service": ('serve = "tcp://0.0.0.0:1"', "line 6: the address of the service is 'tcp://0"),
+    "table": ('csv = "a"\ncsv-style = "exel"', "line 7: --csv-style is 'exel'"),
+    "recording": ("record-all = true", "line 6: --record-all given without --record"),
     "authority": ('mqtt = "b"\nmqtt-ca = "images/a.jpg"', "line 7: .*a.jpg: cannot be used"),
 }
 
@@ -99,6 +105,31 @@ def test_a_mistake_is_one_line_that_names_file_and_line(
     done = run_cli(*command, setup)
     assert (done.code, done.err.count("\n")) == (2, 1), done.err
     assert re.search(f"edgetree.toml {message}", done.err), done.err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: the source is clients without --serve"),
+        ('serve = "ipc:///run/a"\nloop = true\n', "line 1: loop is given for source clients"),
+    ],
+)
+def test_what_does_not_fit_programs_as_the_source_is_told(
+    run_cli: Cli, tmp_path: Path, text: str, message: str
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(f'source = "clients"\n{text}')
+    for command in (("config", "check"), ("live", "--config")):
+        done = run_cli(*command, path)
+        assert (done.code, done.err.count("\n")) == (2, 1)
+        assert f"{path} {message}" in done.err
+
+
+def test_a_file_says_where_messages_go(run_cli: Cli, setup: Path) -> None:
+    setup.write_text(setup.read_text() + 'quiet = true\nlog-file = "live.log"\n')
+    done = run_cli("live", "--config", setup, "--frames", "1")
+    assert (done.code, done.err) == (0, "")
+    assert "1 frame, " in (setup.parent / "live.log").read_text()
 
 
 def test_a_file_without_source_is_told(run_cli: Cli, tmp_path: Path) -> None:
@@ -121,6 +152,8 @@ def test_all_settings_are_shown_and_secrets_are_not(run_cli: Cli, setup: Path) -
     shown = setup.parent / "shown.toml"
     shown.write_text(done.out)
     assert run_cli("config", "check", shown).out.endswith("5 settings, all valid\n")
+    setup.write_text('source = "rtsp://forest:sec@ret@camera/1"\n')
+    assert "ret@camera" not in run_cli("config", "show", setup).out
     defaults = run_cli("config", "show").out
     assert all(line.startswith("#") for line in defaults.splitlines() if line)
     assert "# mqtt-qos = 0" in defaults.splitlines()

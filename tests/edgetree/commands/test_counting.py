@@ -87,6 +87,14 @@ def test_pictures_in_no_order_may_repeat_trees(run_cli: Cli, images: Path, model
     assert "pictures in no order: expected a folder" in done.err
 
 
+def test_several_videos_are_no_pictures(run_cli: Cli, video: Path, model: Path) -> None:
+    other = video.with_name("other.mp4")
+    other.write_bytes(video.read_bytes())
+    done = run_cli("run", video, other, "--model", model)
+    assert done.code == 0, done.err
+    assert "several sources: the same trees may be in several of them" in done.err
+
+
 @pytest.fixture
 def hidden_from_depth(tmp_path: Path) -> tuple[object, ...]:
     """A frame whose depth is a smooth wall, in which a depth model finds nothing."""

@@ -52,6 +52,21 @@ class Source:
         self.closed.set()
 
 
+class _Vanishing(LivePipeline):
+    """A pipeline whose source is taken away between two looks at it."""
+
+    looks = 0
+
+    @property
+    def _source(self) -> Source | None:
+        self.looks += 1
+        return Source([]) if self.looks % 2 else None
+
+    @_source.setter
+    def _source(self, source: object) -> None:
+        pass
+
+
 def colour(number: int, **changes: Any) -> Frame:
     depth_m = np.tile(np.linspace(3.9, 4.1, 640, dtype=np.float32), (360, 1))
     values = {"image": np.zeros((360, 640, 3), np.uint8), "depth_m": depth_m, "camera": CAMERA}
@@ -356,3 +371,10 @@ def test_closing_ends_a_wait() -> None:
     next(frames)
     threading.Timer(0.1, source.close).start()
     assert next(frames, None) is None
+
+
+def test_a_source_that_is_lost_meanwhile_is_no_fault_of_who_asks(detector: TreeDetector) -> None:
+    pipeline = _Vanishing(lambda: Source([]), detector)
+    assert pipeline.status.state == "starting"
+    pipeline.looks = 0
+    pipeline.stop()

@@ -42,9 +42,10 @@ def test_programs_hand_frames_over(
     program.join()
     assert done.code == 0, done.err
     assert f"service: {address}" in done.err
-    records = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
-    written = [each for each in records if each["schema"] == "edgetree.live/1"]
-    assert got == written
+    written = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
+    assert got == [line for line in written if line["schema"] == "edgetree.live/1"]
+    states = [line["state"] for line in written if line["schema"] == "edgetree.live.state/1"]
+    assert states[-1] == "stopping"
 
 
 def test_results_of_other_sources_are_watched(

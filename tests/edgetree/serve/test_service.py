@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import logging
 import os
@@ -19,15 +18,17 @@ from typing import Any
 
 import pytest
 
-from basetree.errors import InputError
+from basetree.errors import InputError, Unavailable
 from edgetree.errors import ServiceError
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import process
 from edgetree.frames.rig import Rig
+from edgetree.live.pipeline import LivePipeline
 from edgetree.runtime.detector import TreeDetector
 from edgetree.serve import Client, Service
-from edgetree.serve.messages import ErrorAnswer, ResultAnswer, UnusedAnswer
-from edgetree.serve.shared_memory import FOLDER, IS_THERE, remove_left_behind
+from edgetree.serve.messages import ErrorAnswer, FrameMessage, ResultAnswer, UnusedAnswer
+from edgetree.serve.shared_memory import FOLDER, IS_THERE, Slot, remove_left_behind
+from edgetree.sources import PushedFrames
 
 zmq = pytest.importorskip("zmq")
 
@@ -147,6 +148,63 @@ def test_others_watch_the_results(running: Any, client: Client, make_frame: Make
         watching.join(0.01)
     assert seen[0]["schema"] == "edgetree.live/1"
     assert seen[0]["frame"] <= last["frame"]
+
+
+def test_frames_are_refused_where_another_source_is_measured(
+    detector: TreeDetector, make_frame: MakeFrame
+) -> None:
+    with (
+        Service("tcp://127.0.0.1:0", takes_frames=False) as service,
+        Client(service.address, timeout_s=PATIENCE_S) as client,
+    ):
+        id_ = client.send(make_frame())
+        wait_until(lambda: bool(service._faults.counts or service._asked))
+        # The camera's own frame of the same number, whose result is no answer.
+        camera = PushedFrames("a camera")
+        camera.push(make_frame(0))
+        camera.close()
+        (result,) = LivePipeline(lambda: camera, detector)
+        service.write(result)
+        answer = client.receive()
+    assert isinstance(answer, ErrorAnswer)
+    assert answer.id == id_
+    assert "expected `edgetree live clients`" in answer.error
+
+
+def test_a_frame_that_nobody_took_does_not_keep_the_place_of_its_program(
+    make_frame: MakeFrame,
+) -> None:
+    with Service("tcp://127.0.0.1:0", silent_s=0.3) as service:
+        with Client(service.address, timeout_s=PATIENCE_S) as hasty:
+            hasty.send(make_frame())
+            wait_until(lambda: bool(service._asked))
+        wait_until(lambda: service._hander is None)
+        assert not service._asked
+        service.open_source().close()  # as a pipeline that ends
+
+        with Client(service.address, timeout_s=PATIENCE_S) as client:
+            client.send(make_frame())
+            assert isinstance(client.receive(), UnusedAnswer)
+            wait_until(lambda: service._hander is None)
+
+
+@needs_memory
+def test_memory_that_the_service_may_not_read_is_done_without(
+    running: Any, make_frame: MakeFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str] = []
+
+    def write(slot: Slot, arrays: Any) -> list[int]:
+        written.append(slot.name)
+        offsets = real_write(slot, arrays)
+        (FOLDER / slot.name.removeprefix("/")).unlink()
+        return offsets
+
+    real_write = Slot.write
+    monkeypatch.setattr(Slot, "write", write)
+    with Client(running.service.address, timeout_s=PATIENCE_S) as client:
+        assert all(client.measure(make_frame(number))["trees"] for number in range(3))
+    assert len(written) == 1
 
 
 def test_a_killed_watcher_is_forgotten(
@@ -402,10 +460,15 @@ def test_a_taken_address_is_refused(
     serving: Callable[..., Any], make_frame: MakeFrame, tmp_path: Path, form: str
 ) -> None:
     address = serving(form.format(folder=tmp_path)).service.address
-    with pytest.raises(InputError, match=r"cannot listen at .* \(Address already in use\)"):
+    with pytest.raises(Unavailable, match=r"cannot listen at .* \(Address already in use\)"):
         Service(address)
     with Client(address) as client:
         assert client.measure(make_frame())["trees"]
+
+
+def test_a_name_that_is_too_long_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot listen at .* \(.*too long\)"):
+        Service(f"ipc://{tmp_path}/{'a' * 120}")
 
 
 def test_no_service_is_one_error() -> None:
@@ -420,8 +483,11 @@ def test_a_frame_that_cannot_be_used_is_no_fault_of_the_others(
     running: Any, client: Client, make_frame: MakeFrame
 ) -> None:
     client.measure(make_frame())
-    bad = dataclasses.replace(make_frame(), time_s=float("inf"))
-    with pytest.raises(ServiceError, match="time_s"):
-        client.measure(bad)
+    image = make_frame().image
+    for time_s in (float("inf"), 1e300, -1e300, 1.7e12):
+        client.send_arrays(FrameMessage(0, time_s), image, None)
+        answer = client.receive()
+        assert isinstance(answer, ErrorAnswer)
+        assert "time_s" in answer.error
     assert client.measure(make_frame())["trees"]
     assert not isinstance(client.status(), ErrorAnswer)

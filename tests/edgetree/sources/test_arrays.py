@@ -116,6 +116,6 @@ def test_what_cannot_be_used_is_named(values: dict[str, Any], expected: str) -> 
 def test_a_frame_needs_pictures_and_a_time() -> None:
     with pytest.raises(InputError, match="frame 3 has neither image nor depth"):
         frame_from_arrays(3, 0.0, None)
-    with pytest.raises(InputError, match="time_s of frame 3 is nan"):
+    with pytest.raises(InputError, match="time_s of frame_000003 is nan: expected seconds"):
         frame_from_arrays(3, float("nan"), picture())
     assert frame_from_arrays(0, 0.0, None, metres()).image is None

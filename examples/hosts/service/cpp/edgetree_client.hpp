@@ -3,7 +3,8 @@
 //   edgetree::Client client("tcp://127.0.0.1:8430");
 //   std::string answer = client.measure(frame);  // JSON, see messages.schema.json
 //
-// Pixels go through shared memory. One client is for one thread.
+// Pixels go through shared memory, or with the messages where the service cannot read the memory, as
+// that of another user. One client is for one thread.
 #pragma once
 
 #include <fcntl.h>
@@ -34,7 +35,8 @@ int zmq_send(void*, const void*, size_t, int);
 int zmq_recv(void*, void*, size_t, int);
 int zmq_close(void*);
 }
-constexpr int ZMQ_DEALER = 5, ZMQ_LINGER = 17, ZMQ_RCVTIMEO = 27, ZMQ_SNDTIMEO = 28;
+constexpr int ZMQ_SNDMORE = 2, ZMQ_DEALER = 5, ZMQ_LINGER = 17;
+constexpr int ZMQ_RCVTIMEO = 27, ZMQ_SNDTIMEO = 28;
 #endif
 
 namespace edgetree {
@@ -98,9 +100,13 @@ public:
     // Hands a frame over and waits for its answer: a result, "unused" or an error, as JSON.
     std::string measure(const Frame& frame) {
         std::string answer = ask(frame);
-        if (answer.find("\"error\":\"shared memory ") == std::string::npos) return answer;
-        release();  // the service has begun anew, and does not know the memory
-        return ask(frame);
+        for (int again = 0; again < 2; ++again) {
+            if (answer.find("\"error\":\"shared memory ") == std::string::npos) break;
+            release();  // the service has begun anew and does not know it, or is of another user
+            uses_memory_ = again == 0;
+            answer = ask(frame);
+        }
+        return answer;
     }
 
     // Asks for all results from now on, which `receive` returns.
@@ -119,10 +125,17 @@ private:
         const uint64_t id = ++last_id_;
         const size_t colour_bytes = frame.colour ? bytes(*frame.colour) : 0;
         const size_t depth_bytes = frame.depth ? bytes(*frame.depth) : 0;
-        reserve(colour_bytes + depth_bytes);
-        if (frame.colour) std::memcpy(memory_, frame.colour->pixels, colour_bytes);
-        if (frame.depth) std::memcpy(memory_ + colour_bytes, frame.depth->pixels, depth_bytes);
-        send(text(frame, id, colour_bytes));
+        if (uses_memory_) {
+            reserve(colour_bytes + depth_bytes);
+            if (frame.colour) std::memcpy(memory_, frame.colour->pixels, colour_bytes);
+            if (frame.depth) std::memcpy(memory_ + colour_bytes, frame.depth->pixels, depth_bytes);
+            send(text(frame, id, colour_bytes));
+        } else {
+            const std::string about = text(frame, id, 0);
+            part(about.data(), about.size(), colour_bytes + depth_bytes != 0);
+            if (frame.colour) part(frame.colour->pixels, colour_bytes, depth_bytes != 0);
+            if (frame.depth) part(frame.depth->pixels, depth_bytes, false);
+        }
         const std::string mine = "\"id\":" + std::to_string(id) + ",";
         while (true) {  // late answers to earlier frames, and watched results, are passed over
             std::string answer = receive();
@@ -168,8 +181,9 @@ private:
     template <typename Image>
     std::ostream& image(std::ostream& out, const char* name, const Image& image, size_t at) const {
         out << ",\"" << name << "\":{\"width\":" << image.width << ",\"height\":" << image.height;
-        out << ",\"format\":\"" << image.format << "\",\"memory\":{\"name\":\"" << memory_name_;
-        return out << "\",\"offset\":" << at << "}";
+        out << ",\"format\":\"" << image.format << "\"";
+        if (!uses_memory_) return out;
+        return out << ",\"memory\":{\"name\":\"" << memory_name_ << "\",\"offset\":" << at << "}";
     }
 
     template <typename Values>
@@ -181,6 +195,10 @@ private:
 
     void send(const std::string& text, bool must = true) {
         if (zmq_send(socket_, text.data(), text.size(), 0) < 0 && must) fail("takes no messages");
+    }
+
+    void part(const void* bytes, size_t size, bool more) {
+        if (zmq_send(socket_, bytes, size, more ? ZMQ_SNDMORE : 0) < 0) fail("takes no messages");
     }
 
     void reserve(size_t size) {
@@ -220,6 +238,7 @@ private:
     std::string memory_name_;
     char* memory_ = nullptr;
     size_t memory_size_ = 0;
+    bool uses_memory_ = true;
     uint64_t last_id_ = 0;
 };
 

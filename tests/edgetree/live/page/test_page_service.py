@@ -151,9 +151,9 @@ def test_a_port_that_is_taken_is_waited_for(
         port = other.getsockname()[1]
         with pytest.raises(Unavailable, match=f"port {port} .*: expected an address"):
             PageServer(port=port).start()
-        page = PageServer(port=port, health=health)
+        page, told = PageServer(port=port, health=health), []
         with caplog.at_level(logging.WARNING):
-            page.start(waits=True)
+            page.start(waits=True, on_served=told.append)
         assert "it is tried again every" in caplog.text
         assert page.address == ""
     end_s = time.monotonic() + 10
@@ -163,6 +163,7 @@ def test_a_port_that_is_taken_is_waited_for(
         assert connect(page).send("/healthz").status() == 200
     finally:
         page.close()
+    assert told == [page.address]
 
 
 def test_a_server_that_still_waits_can_be_closed() -> None:

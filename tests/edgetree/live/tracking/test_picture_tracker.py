@@ -81,3 +81,14 @@ def test_stems_of_frames_that_have_nothing_in_common_are_not_counted() -> None:
     count = tracker.different()
     assert isinstance(count, Failure)
     assert "far apart" in count.reason
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-9, 1e9, np.nan])
+def test_a_motion_that_no_camera_makes_is_none(
+    monkeypatch: pytest.MonkeyPatch, scale: float
+) -> None:
+    def estimate(before: np.ndarray, *_: object, **options: object) -> tuple[object, object]:
+        return np.array([[scale, 0, 0], [0, scale, 0]]), np.ones(len(before), np.uint8)
+
+    monkeypatch.setattr(cv2, "estimateAffinePartial2D", estimate)
+    assert panned(PictureTracker(), 20)[STEMS_PX[0]]
