@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import own_machine
 from hypothesis import HealthCheck, settings
 from once import Once
 
@@ -50,6 +51,17 @@ def shared_path() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+MACHINES = own_machine.machines()
+
+
+@pytest.fixture(autouse=True)
+def machine_of_the_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gives each test, and the processes that it starts, trust files of their own."""
+    for name, value in next(MACHINES).items():
+        monkeypatch.setenv(name, value)
+    own_machine.use()
 
 
 @pytest.fixture(scope="session")
