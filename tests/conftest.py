@@ -11,8 +11,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 import own_machine
+import pytest
 from hypothesis import HealthCheck, settings
 from once import Once
 
@@ -57,11 +57,13 @@ MACHINES = own_machine.machines()
 
 
 @pytest.fixture(autouse=True)
-def machine_of_the_test(monkeypatch: pytest.MonkeyPatch) -> None:
+def machine_of_the_test() -> Iterator[None]:
     """Gives each test, and the processes that it starts, trust files of their own."""
-    for name, value in next(MACHINES).items():
-        monkeypatch.setenv(name, value)
-    own_machine.use()
+    with pytest.MonkeyPatch.context() as patched:
+        for name, value in next(MACHINES).items():
+            patched.setenv(name, value)
+        own_machine.use()
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -38,7 +38,7 @@ SEEN: set[Path] = set()
 
 
 @pytest.mark.parametrize("_number", range(2))
-def test_each_test_has_another_machine(_number: int) -> None:  # noqa: PT019
+def test_each_test_has_another_machine(_number: int) -> None:
     assert machine_file() not in SEEN
     SEEN.add(machine_file())
 
