@@ -133,8 +133,11 @@ def test_logrotate_takes_its_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_guide_installs_each_file(name: str) -> None:
-    assert re.search(rf"(?<![\w-])deploy/{re.escape(name)}(?![\w.])", GUIDE), name
+def test_a_guide_or_a_file_that_is_installed_names_each_file(name: str) -> None:
+    guides = [path.read_text("utf-8") for path in (ROOT / "docs" / "guides").glob("*.md")]
+    others = [path.read_text("utf-8") for path in DEPLOY.iterdir() if path.name != name]
+    named = rf"(?<![\w-])(deploy|\$\(dirname \"\$0\"\))/{re.escape(name)}(?![\w.])"
+    assert re.search(named, "\n".join(guides + others)), name
 
 
 def test_what_the_guide_says_of_the_unit_is_in_it() -> None:

@@ -77,6 +77,7 @@ class Shown:
     ) -> None:
         self.serial, self.taken_s, self.rate_hz = serial, taken_s, rate_hz
         self._result, self._picture, self._drawing = result, picture, drawing
+        self._jpeg: bytes | None = None
         self._lock = threading.Lock()
 
     def record(self) -> dict[str, Any]:
@@ -87,16 +88,14 @@ class Shown:
     def jpeg(self) -> bytes:
         """The picture with the trees drawn."""
         with self._lock:
+            if self._jpeg is None:
+                self._jpeg = self._drawing.jpeg(self._result, self._picture)
             return self._jpeg
 
     @cached_property
     def _record(self) -> dict[str, Any]:
         rate_hz = None if self.rate_hz is None else round(self.rate_hz, 1)
         return {**page_record(self._result), "serial": self.serial, "rate_hz": rate_hz}
-
-    @cached_property
-    def _jpeg(self) -> bytes:
-        return self._drawing.jpeg(self._result, self._picture)
 
 
 class Feed:
