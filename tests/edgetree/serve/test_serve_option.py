@@ -42,8 +42,9 @@ def test_programs_hand_frames_over(
     program.join()
     assert done.code == 0, done.err
     assert f"service: {address}" in done.err
-    written = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
-    assert got == [record for record in written if record["schema"] == "edgetree.live/1"]
+    records = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
+    written = [each for each in records if each["schema"] == "edgetree.live/1"]
+    assert got == written
 
 
 def test_results_of_other_sources_are_watched(
