@@ -5,7 +5,8 @@ python -m benchmarks.live_service --minutes 60 --result benchmarks/results/live_
 A process of its own plays the camera: it serves the package's sample pictures as MJPEG over HTTP.
 The service reads it, and sends its stems by UDP, by MQTT (if a mosquitto is installed) and into a
 file, by a set-up file. At random moments the camera or the broker is killed (SIGKILL) and started
-again 2 s later; clients of the page come, never read, and leave. Recorded are the results,
+again 2 s later; clients of the page come, never read, and leave. They come once before the clock
+starts, as the first ones cost what the page keeps (`first_clients_mib`). Recorded are the results,
 gaps in the numbers of datagrams, the silence after each kill, memory and open files of the service,
 and its states. The exit code is 1 if the service ended, memory grew, or results are missing in the
 file. Needs Linux, for /proc.
@@ -40,6 +41,7 @@ from edgetree import sample_frames
 
 MEMORY_LIMIT_MIB = 8.0
 DOWN_S = 2.0
+SETTLED_S = 6.0  # until clients that do not read are disconnected
 STATE_SCHEMA = "edgetree.live.state/1"
 
 
@@ -180,6 +182,15 @@ def wait_for_camera(port: int) -> None:
         time.sleep(0.1)
 
 
+def cost_of_clients(service: int, others: Others) -> float:
+    """What the first clients of the page add to the memory of the service, MiB."""
+    time.sleep(SETTLED_S)
+    before_mib = memory_mib(service, "status", "VmRSS")
+    others.kill("clients")
+    time.sleep(SETTLED_S)
+    return round(memory_mib(service, "status", "VmRSS") - before_mib, 2)
+
+
 def run(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run the service for the given time."""
     chance = random.Random(arguments.seed)
@@ -192,6 +203,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
     service = started(folder, ports, controller.port, has_broker)
     while not controller.arrivals_s and service.poll() is None:
         time.sleep(0.1)
+    first_clients_mib = cost_of_clients(service.pid, others)
     start_s, duration_s = time.monotonic(), arguments.minutes * 60.0
     kinds = ["camera", *(["broker"] if has_broker else []), "clients"]
     kills = sorted(
@@ -231,6 +243,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "rate_hz": arguments.rate,
         "broker": "mosquitto" if has_broker else None,
         **counted(folder, controller, killed, start_s),
+        "first_clients_mib": first_clients_mib,
         **growth(memory_mib_by_s, files),
         "states": [[round(at_s - start_s, 1), name] for at_s, name in controller.states],
         "lines_on_stderr": len([line for line in log if not line.startswith("running: ")]),

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import own_machine
 import pytest
 from hypothesis import HealthCheck, settings
 from once import Once
@@ -50,6 +51,19 @@ def shared_path() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+MACHINES = own_machine.machines()
+
+
+@pytest.fixture(autouse=True)
+def machine_of_the_test() -> Iterator[None]:
+    """Gives each test, and the processes that it starts, trust files of their own."""
+    with pytest.MonkeyPatch.context() as patched:
+        for name, value in next(MACHINES).items():
+            patched.setenv(name, value)
+        own_machine.use()
+        yield
 
 
 @pytest.fixture(scope="session")

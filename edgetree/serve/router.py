@@ -10,6 +10,8 @@ from contextlib import suppress
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from basetree.errors import InputError, MissingPackage, Unavailable, install_hint
+from edgetree.serve.connections import Connections, most_connections
+from edgetree.serve.faults import Faults
 from edgetree.serve.handed import LARGEST_PART_BYTES
 
 Sender: TypeAlias = tuple[bytes, ...]
@@ -23,7 +25,6 @@ _UNREAD: Final = 64  # answers that wait for one program
 _HEARTBEAT_MS, _DEAD_MS = 2000, 6000
 _BACKLOG: Final = 1024
 _LAST_ANSWERS_MS: Final = 200
-_OPEN_FILES: Final = 8192
 _PASSING: Final = (errno.EADDRINUSE, errno.EADDRNOTAVAIL)
 
 
@@ -68,6 +69,7 @@ class Router:
 
     Args:
         address: Where to listen.
+        faults: Where programs that are too many are noted.
 
     Attributes:
         address: Where it listens, with the port.
@@ -78,13 +80,14 @@ class Router:
         MissingPackage: ZeroMQ is not installed.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, faults: Faults) -> None:
         self._zmq = zmq = zeromq()
         where = endpoint(address)
-        _allow_connections()
+        most = most_connections()
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.ROUTER)
         self._set_options()
+        self._connections = Connections(zmq, self._context, self._socket, most, faults)
         try:
             _check_not_taken(address)
             self._socket.bind(where)
@@ -102,6 +105,7 @@ class Router:
         self._poller = zmq.Poller()
         self._poller.register(self._socket, zmq.POLLIN)
         self._poller.register(self._bell, zmq.POLLIN)
+        self._poller.register(self._connections.events, zmq.POLLIN)
 
     def _set_options(self) -> None:
         zmq = self._zmq
@@ -127,6 +131,7 @@ class Router:
         self._poller.poll(longest_s * 1000)
         with suppress(BlockingIOError):
             self._bell.recv(4096)
+        self._connections.follow()
 
     def receive(self) -> Letter | None:
         """The next message; None if there is none now."""
@@ -156,6 +161,7 @@ class Router:
 
     def close(self) -> None:
         """Disconnect all programs."""
+        self._connections.close()
         self._socket.close()
         self._context.term()
         self._bell.close()
@@ -179,14 +185,3 @@ def _check_not_taken(address: str) -> None:
 def _reason(error: OSError) -> str:
     """Why it failed, without the address that ZeroMQ adds."""
     return str(error.strerror or error).partition(" (addr")[0]
-
-
-def _allow_connections() -> None:
-    """Raise the number of files that the process may open, as each connection is one."""
-    with suppress(ImportError, ValueError, OSError):
-        import resource
-
-        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        wanted = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(_OPEN_FILES, hard)
-        if soft != resource.RLIM_INFINITY and soft < wanted:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

@@ -88,11 +88,11 @@ class Service:
     """
 
     def __init__(self, address: str, *, takes_frames: bool = True, silent_s: float = 5.0) -> None:
-        self._router = Router(address)
+        self._faults = Faults()
+        self._router = Router(address, self._faults)
         self.address = self._router.address
         self.status_of: Callable[[], LiveStatus] | None = None
         self._takes_frames, self._silent_s = takes_frames, silent_s
-        self._faults = Faults()
         self._answers: queue.SimpleQueue[tuple[Sender | None, bytes]] = queue.SimpleQueue()
         self._asked: dict[int, _Asked] = {}
         self._watchers: set[Sender] = set()

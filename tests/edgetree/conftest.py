@@ -16,6 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 import calib
+import edgetree.frames.references
+import edgetree.frames.rig
 from edgetree import cli
 from edgetree.catalogue import default_model
 from edgetree.detections import KEYPOINT_NAMES
@@ -44,6 +46,15 @@ class Done(NamedTuple):
 
 
 Cli = Callable[..., Done]
+
+
+@pytest.fixture(autouse=True)
+def nothing_told() -> None:
+    """Forgets what this process has told once, so that a test hears it whatever ran before."""
+    for module in (edgetree.frames.rig, edgetree.frames.references):
+        for told in vars(module).values():
+            if hasattr(told, "cache_clear") and told.__module__ == module.__name__:
+                told.cache_clear()
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """A short run of the fuzzer; ``fuzzing.py`` says how to run a long one."""
 
+import logging
 import re
 import subprocess
 import sys
@@ -59,6 +60,8 @@ def test_the_seeds_are_valid(tmp_path: Path) -> None:
                     form.read(path)
             elif form.read(path) is None:
                 assert name in ("coco.json", "model.onnx")
+    # No format silences the tests that come after it.
+    assert logging.getLogger("edgetree").isEnabledFor(logging.WARNING)
 
 
 _HELPERS = """

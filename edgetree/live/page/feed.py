@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import asdict
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
@@ -20,6 +21,40 @@ if TYPE_CHECKING:
 
 _RATE_SPAN_S: Final = 2.0
 _POLL_S: Final = 0.02  # clients look this often, so that the publisher need not wake them
+
+
+class Drawing:
+    """One thread that draws and encodes the pictures for all clients.
+
+    The C library keeps memory apart for each thread that asks for some: were the pictures drawn in
+    the threads of the clients, each would keep some MiB.
+    """
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "page-drawing")
+
+    def jpeg(self, result: LiveResult, picture: Picture | None) -> bytes:
+        """The JPEG of a result, on a picture of its own or with the trees drawn.
+
+        Raises:
+            ConnectionAbortedError: The page is closed.
+        """
+        try:
+            drawn = self._thread.submit(_jpeg_of, result, picture)
+        except RuntimeError as error:
+            raise ConnectionAbortedError("the page is closed") from error
+        try:
+            return drawn.result()
+        except CancelledError as error:
+            raise ConnectionAbortedError("the page is closed") from error
+
+    def close(self) -> None:
+        """Draw no more."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def _jpeg_of(result: LiveResult, picture: Picture | None) -> bytes:
+    return encode_jpeg(draw_result(result) if picture is None else picture)
 
 
 class Shown:
@@ -38,9 +73,11 @@ class Shown:
         picture: Picture | None,
         taken_s: float,
         rate_hz: float | None,
+        drawing: Drawing,
     ) -> None:
         self.serial, self.taken_s, self.rate_hz = serial, taken_s, rate_hz
-        self._result, self._picture = result, picture
+        self._result, self._picture, self._drawing = result, picture, drawing
+        self._jpeg: bytes | None = None
         self._lock = threading.Lock()
 
     def record(self) -> dict[str, Any]:
@@ -51,17 +88,14 @@ class Shown:
     def jpeg(self) -> bytes:
         """The picture with the trees drawn."""
         with self._lock:
+            if self._jpeg is None:
+                self._jpeg = self._drawing.jpeg(self._result, self._picture)
             return self._jpeg
 
     @cached_property
     def _record(self) -> dict[str, Any]:
         rate_hz = None if self.rate_hz is None else round(self.rate_hz, 1)
         return {**page_record(self._result), "serial": self.serial, "rate_hz": rate_hz}
-
-    @cached_property
-    def _jpeg(self) -> bytes:
-        picture = draw_result(self._result) if self._picture is None else self._picture
-        return encode_jpeg(picture)
 
 
 class Feed:
@@ -82,6 +116,7 @@ class Feed:
         self.stale_s, self.recorder, self.health = stale_s, recorder, health
         self._newest: Shown | None = None
         self._closed = False
+        self._drawing = Drawing()
         self._times_s: deque[float] = deque(maxlen=240)
 
     @property
@@ -99,7 +134,7 @@ class Feed:
         now_s = time.monotonic()
         serial = 1 if self._newest is None else self._newest.serial + 1
         taken_s, rate_hz = now_s - result.age_s, self._rate_hz(now_s)
-        self._newest = Shown(serial, result, picture, taken_s, rate_hz)
+        self._newest = Shown(serial, result, picture, taken_s, rate_hz, self._drawing)
 
     def wait(self, after: int, timeout_s: float) -> Shown | None:
         """Wait for a result with a serial above `after`; None if there is none in time."""
@@ -133,6 +168,7 @@ class Feed:
     def close(self) -> None:
         """Tell all clients to leave."""
         self._closed = True
+        self._drawing.close()
 
     def _rate_hz(self, now_s: float) -> float | None:
         times_s = self._times_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import cv2
@@ -59,6 +60,7 @@ def encode_jpeg(picture: Picture) -> bytes:
     return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
+@cache
 def blank_jpeg() -> bytes:
     """A dark picture that says that there is no current one."""
     canvas = np.full((360, 640, 3), 32, np.uint8)

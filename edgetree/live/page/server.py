@@ -37,8 +37,8 @@ class PageServer:
             for result in results:
                 page.publish(result)
 
-    The page shows the newest result only. Pictures are drawn and encoded in the threads of the
-    clients, once per frame, and only if a client watches.
+    The page shows the newest result only. Pictures are drawn and encoded in a thread of their own,
+    once per frame, and only if a client watches.
 
     Args:
         host: Address to listen on. Any other than loopback needs a token.

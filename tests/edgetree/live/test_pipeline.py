@@ -17,6 +17,7 @@ from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import Rig
 from edgetree.live.pipeline import LivePipeline
 from edgetree.live.tracking.tracker import StemTracker
+from edgetree.measure import RigUncertainty
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import Arrays, FakeSession
@@ -24,6 +25,7 @@ from edgetree.sources.playing import PacedSource
 from edgetree.sources.source import SourceLost
 
 CAMERA = PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
+KNOWN_RIG = Rig(uncertainty=RigUncertainty(0.01, 1.0, 1.0))  # of which nothing has to be told
 PATIENCE_S = 60.0
 
 
@@ -179,7 +181,7 @@ def test_a_lost_camera_is_opened_again(
     first = Source([colour(0), colour(1), lost], is_live=True, every_s=0.05)
     second = Source([colour(2), colour(3)], is_live=True, every_s=0.05)
     open_source = opening(first, InputError("no camera 0"), InputError("no camera 0"), second)
-    pipeline = LivePipeline(open_source, detector, reopen_s=0.02)
+    pipeline = LivePipeline(open_source, detector, rig=KNOWN_RIG, reopen_s=0.02)
     assert [result.frame.number for result in pipeline] == [0, 1, 2, 3]
     assert pipeline.status.lost == 1
     assert first.closed.is_set()
@@ -234,7 +236,7 @@ def test_frames_that_do_not_fit_are_counted(
     detector: TreeDetector, caplog: pytest.LogCaptureFixture
 ) -> None:
     frames = [colour(0), colour(1, image=None), colour(2), colour(3, image=None), colour(4)]
-    pipeline = LivePipeline(opening(Source(frames)), detector)
+    pipeline = LivePipeline(opening(Source(frames)), detector, rig=KNOWN_RIG)
     assert [result.frame.number for result in pipeline] == [0, 2, 4]
     assert pipeline.status.left_out == {"without colour, which the model takes": 2}
     assert len(caplog.messages) == 1

@@ -433,6 +433,46 @@ def test_a_thousand_connections(running: Any, client: Client, make_frame: MakeFr
         context.destroy(linger=0)
 
 
+@pytest.mark.parametrize("form", ["tcp://127.0.0.1:0", "ipc://{folder}/service"])
+def test_more_connections_than_there_may_be_are_not_let_in(
+    serving: Callable[..., Any],
+    make_frame: MakeFrame,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    form: str,
+) -> None:
+    monkeypatch.setattr("edgetree.serve.router.most_connections", lambda: 20)
+    address = serving(form.format(folder=tmp_path)).service.address
+    ask = b'{"schema": "edgetree.serve.ask/1"}'
+    context = zmq.Context()
+    try:
+        with Client(address, timeout_s=PATIENCE_S) as client:
+            assert client.measure(make_frame())["trees"]
+            others = [context.socket(zmq.DEALER) for _ in range(30)]
+            for other in others:
+                other.connect(address)
+                other.send(ask)
+            wait_until(lambda: sum(bool(other.poll(0)) for other in others) == 19)
+            wait_until(lambda: "20 programs are connected: expected no more" in caplog.text)
+            assert client.measure(make_frame(1))["trees"]  # those inside go on
+            assert client.status().faults["program too many"] >= 11
+            late = [other for other in others if not other.poll(0)]
+            for other in set(others) - set(late):
+                other.close(linger=0)
+
+            # Those that were turned away come again by themselves; what they had said is lost.
+            def all_hear() -> bool:
+                for other in late:
+                    other.send(ask, zmq.NOBLOCK)
+                return all(other.poll(20) for other in late)
+
+            wait_until(all_hear)
+    finally:
+        context.destroy(linger=0)
+    assert len([line for line in caplog.messages if "it is turned away" in line]) <= 3
+
+
 @pytest.mark.parametrize("shared_memory", [False, pytest.param(True, marks=needs_memory)])
 def test_a_program_outlives_the_service(
     serving: Callable[..., Any], make_frame: MakeFrame, tmp_path: Path, shared_memory: bool

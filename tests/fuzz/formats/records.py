@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import sys
 from pathlib import Path
 from typing import Any
@@ -145,7 +144,6 @@ def _play(path: Path) -> object:
     folder = path.with_name("drive")
     _write(folder / "imu/000004.csv", b"")
     _write(folder / "test_RGB.json", path.read_bytes())
-    logging.getLogger("edgetree").setLevel(logging.CRITICAL)
     return list(open_drive(folder))
 
 

@@ -117,6 +117,53 @@ def test_a_picture_is_encoded_once_and_only_if_a_client_watches(
     assert encoded == [1]
 
 
+def test_one_thread_draws_for_all_clients(
+    serve, connect, live_result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The C library keeps some MiB for each thread that has drawn a picture."""
+    drew = []
+    original = feed.draw_result
+    monkeypatch.setattr(
+        feed, "draw_result", lambda r: drew.append(threading.current_thread().name) or original(r)
+    )
+    server = serve()
+    clients = [connect(server) for _ in range(4)]
+    for number, client in enumerate(clients):
+        server.publish(live_result(number))
+        assert client.send(f"/picture.jpg?after={number}").status() == 200
+    assert len(drew) == 4
+    assert set(drew) == {"page-drawing_0"}
+
+
+def test_closing_while_a_picture_is_drawn_ends_the_clients_quietly(
+    serve, connect, live_result, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun, goes_on = threading.Event(), threading.Event()
+    original = feed.draw_result
+
+    def draw(result):
+        begun.set()
+        assert goes_on.wait(20)
+        return original(result)
+
+    monkeypatch.setattr(feed, "draw_result", draw)
+    server = serve()
+    server.publish(live_result(0))
+    first = connect(server).send("/picture.jpg")
+    assert begun.wait(20)
+    server.publish(live_result(1))
+    second = connect(server).send("/picture.jpg?after=1")
+    time.sleep(0.2)  # it waits for the thread that draws
+    closing = threading.Thread(target=server.close)
+    closing.start()
+    assert second.rest() == b""
+    goes_on.set()
+    first.rest()
+    closing.join(20)
+    assert not closing.is_alive()
+    assert caplog.messages == []
+
+
 def test_a_source_that_stalls_is_told_and_its_picture_blanked(serve, connect, live_result) -> None:
     server = serve(stale_s=0.3)
     events, pictures = connect(server).send("/events"), connect(server).send("/picture.mjpeg")
