@@ -15,9 +15,13 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 from benchmarks.tools.program import command_line
 
 OF_TEST = 4
+LARGEST_BYTES = 230_000  # of a picture, as the package is to stay below 20 MB
 Chosen = tuple[dict[str, Any], list[dict[str, Any]]]
 TREE_FIELDS = (
     "diameter_m",
@@ -59,6 +63,17 @@ def by_number(dataset: dict[str, Any], number: int) -> list[Chosen]:
     ]
 
 
+def small_jpeg(path: Path) -> bytes:
+    """The content of a JPEG file, or the best encoding of its picture that is small enough."""
+    content = path.read_bytes()
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    quality = 95
+    while len(content) > LARGEST_BYTES:
+        content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        quality -= 1
+    return content
+
+
 def splits(folder: Path) -> list[dict[str, Any]]:
     """The labels of a dataset's splits."""
     files = [folder / f"{split}_RGB.json" for split in ("train", "val", "test")]
@@ -91,7 +106,7 @@ def main() -> None:
     frames += [(arguments.field, *frame) for frame in of_field]
     for number, (folder, image, trees) in enumerate(frames):
         name = arguments.out / f"sample_{number}"
-        shutil.copyfile(folder / image["file_name"], f"{name}.jpg")
+        Path(f"{name}.jpg").write_bytes(small_jpeg(folder / image["file_name"]))
         shutil.copyfile(folder / image["depth_file"], f"{name}_depth_mm.png")
         truth = {
             "camera": image["camera"],
