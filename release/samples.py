@@ -67,6 +67,7 @@ def small_jpeg(path: Path) -> bytes:
     """The content of a JPEG file, or the best encoding of its picture that is small enough."""
     content = path.read_bytes()
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None, path
     quality = 95
     while len(content) > LARGEST_BYTES:
         content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
