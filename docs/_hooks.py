@@ -4,6 +4,8 @@ In a page, a line `<!-- commands: edgetree -->` becomes the help of every comman
 and `<!-- api: calib.boards -->` the reference of every name in that package's `__all__`. With
 `except PACKAGE`, names that are also in the `__all__` of that package are left out.
 
+A line `<!-- schemas -->` becomes the list of the JSON Schemas.
+
 A line `<!-- constants: measure -->` becomes the tables of the measurement's constants. In the text,
 `{{LITTER_STD_M}}` becomes the value of a constant or of a field of `MeasureSettings`, and
 `{{LITTER_STD_M cm}}` the value in another unit (%, cm or mm) with that unit.
@@ -36,6 +38,9 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         lambda _: "\n".join(_constant_tables()),
         markdown,
         flags=re.MULTILINE,
+    )
+    markdown = re.sub(
+        r"^<!-- schemas -->$", lambda _: "\n".join(_schema_table()), markdown, flags=re.MULTILINE
     )
     markdown = re.sub(r"\{\{(\w+) ?(%|cm|mm|)\}\}", lambda found: _value(*found.groups()), markdown)
     return re.sub(
@@ -77,6 +82,24 @@ def _constant_tables() -> Iterator[str]:
         for entry in entries(module):
             yield f"| `{entry.name}` | {entry.value:.4g} | {entry.meaning} | {entry.source} |"
         yield ""
+
+
+def _schema_table() -> Iterator[str]:
+    """A row for each JSON Schema: its name, what it is of, and its keys."""
+    from edgetree.schemas import json_schema, schema_names
+
+    yield "| Schema | What has it | Keys (in italics if not always there) |\n| --- | --- | --- |"
+    for name in schema_names():
+        schema = json_schema(name)
+        made = schema["$defs"][schema["$ref"].rpartition("/")[2]]
+        words = " ".join(made.get("description", "").partition("\n\n")[0].split())
+        required = made.get("required", ())
+        keys = [
+            f"`{key}`" if key in required else f"*`{key}`*"
+            for key in made["properties"]
+            if key != "schema"
+        ]
+        yield f"| `{name}` | {words} | {', '.join(keys) or '–'} |"
 
 
 def _value(name: str, unit: str) -> str:

@@ -1,7 +1,11 @@
-"""Choose sample frames for the package from a simulated dataset's test split.
+"""Choose sample frames for the package: four of the preset `test`, and two of `field` by hand.
 
 perceptree synth --preset test --out forest
-python -m release.samples forest edgetree/assets/samples
+perceptree synth --preset field --seed 7051 --views 1 --frames 40 --out field
+python -m release.samples forest edgetree/assets/samples --field field --images 9 2
+
+Trees of `test` are all to be cut at 20 cm. Those of `field` differ, and its frames have grass (9)
+and a flash at night (2). They were chosen by their pictures, before anything was measured in them.
 """
 
 from __future__ import annotations
@@ -11,9 +15,14 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 from benchmarks.tools.program import command_line
 
-SAMPLES = 6
+OF_TEST = 4
+LARGEST_BYTES = 230_000  # of a picture, as the package is to stay below 20 MB
+Chosen = tuple[dict[str, Any], list[dict[str, Any]]]
 TREE_FIELDS = (
     "diameter_m",
     "cut_height_m",
@@ -35,9 +44,9 @@ def sample_tree(tree: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+def choose(dataset: dict[str, Any]) -> list[Chosen]:
     """Choose frames with three to seven trees, one per scene, in the dataset's order."""
-    chosen: dict[int, tuple[dict[str, Any], list[dict[str, Any]]]] = {}
+    chosen: dict[int, Chosen] = {}
     for image in dataset["images"]:
         trees = [tree for tree in dataset["annotations"] if tree["image_id"] == image["id"]]
         if 3 <= len(trees) <= 7:
@@ -45,22 +54,61 @@ def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str,
     return list(chosen.values())
 
 
+def by_number(dataset: dict[str, Any], number: int) -> list[Chosen]:
+    """The frame of a number; empty if the dataset has none."""
+    return [
+        (image, [tree for tree in dataset["annotations"] if tree["image_id"] == number])
+        for image in dataset["images"]
+        if image["id"] == number
+    ]
+
+
+def small_jpeg(path: Path) -> bytes:
+    """The content of a JPEG file, or the best encoding of its picture that is small enough."""
+    content = path.read_bytes()
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None, path
+    quality = 95
+    while len(content) > LARGEST_BYTES:
+        content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        quality -= 1
+    return content
+
+
+def splits(folder: Path) -> list[dict[str, Any]]:
+    """The labels of a dataset's splits."""
+    files = [folder / f"{split}_RGB.json" for split in ("train", "val", "test")]
+    return [json.loads(file.read_text()) for file in files if file.exists()]
+
+
 def main() -> None:
     """Write the samples' images, depth and ground truth."""
     parser = command_line(__doc__)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--field", type=Path, required=True)
+    parser.add_argument("--images", type=int, nargs="+", required=True)
     arguments = parser.parse_args()
-    files = [arguments.dataset / f"{split}_RGB.json" for split in ("train", "val", "test")]
-    there = [file for file in files if file.exists()]
-    frames = [frame for file in there for frame in choose(json.loads(file.read_text()))][:SAMPLES]
-    if len(frames) < SAMPLES:
-        parser.error(f"{len(frames)} suitable scenes, expected {SAMPLES}")
+    of_test = [frame for labels in splits(arguments.dataset) for frame in choose(labels)]
+    labels_of_field = splits(arguments.field)
+    of_field = [
+        frame
+        for number in arguments.images
+        for labels in labels_of_field
+        for frame in by_number(labels, number)
+    ]
+    if len(of_test) < OF_TEST or len(of_field) < len(arguments.images):
+        parser.error(
+            f"{len(of_test)} suitable scenes and {len(of_field)} frames of --field, expected"
+            f" {OF_TEST} and {len(arguments.images)}"
+        )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for number, (image, trees) in enumerate(frames):
+    frames = [(arguments.dataset, *frame) for frame in of_test[:OF_TEST]]
+    frames += [(arguments.field, *frame) for frame in of_field]
+    for number, (folder, image, trees) in enumerate(frames):
         name = arguments.out / f"sample_{number}"
-        shutil.copyfile(arguments.dataset / image["file_name"], f"{name}.jpg")
-        shutil.copyfile(arguments.dataset / image["depth_file"], f"{name}_depth_mm.png")
+        Path(f"{name}.jpg").write_bytes(small_jpeg(folder / image["file_name"]))
+        shutil.copyfile(folder / image["depth_file"], f"{name}_depth_mm.png")
         truth = {
             "camera": image["camera"],
             "up_camera": image["up_camera"],

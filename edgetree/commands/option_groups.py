@@ -297,10 +297,10 @@ class SessionOptions:
 
         path = find_model(model)
         threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold
-        return TreeDetector.load(path, **self.to_load(), score_threshold=threshold), path
+        return TreeDetector.load(path, score_threshold=threshold, **self.load_options()), path
 
-    def to_load(self) -> dict[str, Any]:
-        """The options as arguments of `TreeDetector.load`."""
+    def load_options(self) -> dict[str, Any]:
+        """The options by the names of `TreeDetector.load`."""
         return {
             "provider": self.provider,
             "strict": self.strict,

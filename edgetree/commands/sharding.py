@@ -199,11 +199,8 @@ def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any
     if ray is not None and session.provider != "cpu":
         raise InputError(f"--provider is {session.provider} with --ray: expected cpu")
     threads = session.threads or (1 if ray is not None else None)
-    loaded = {
-        **session.to_load(),
-        "threads": threads,
-        "score_threshold": frames.score_threshold,
-    }
+    given = {"threads": threads, "score_threshold": frames.score_threshold}
+    loaded = {**session.load_options(), **given}
     model = find_model(frames.model)
     TreeDetector.load(model, **loaded)  # a wrong file ends the command here
     typed = [place for place in (frames.source, frames.depth) if place is not None]

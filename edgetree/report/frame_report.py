@@ -108,8 +108,6 @@ class _Totals:
         self._whole = whole
         self._frames = 0
         self._rows: list[str] = []
-        self._diameters_m: list[float] = []
-        self._dbhs_m: list[float] = []
         self._reasons = Reasons()
         self._tracks: set[int] | None = None
 
@@ -118,10 +116,12 @@ class _Totals:
         self._frames += 1
         anchor, name = f"frame-{self._frames}", result.frame.name
         measured = 0
-        if result.found.tracks is not None:
-            self._tracks = (self._tracks or set()) | set(filter(None, result.found.tracks))
-        for name_of_tree, score, tree, size in zip(
+        tracks = result.found.tracks
+        if tracks is not None:
+            self._tracks = (self._tracks or set()) | set(filter(None, tracks))
+        for name_of_tree, track, score, tree, size in zip(
             result.found.names,
+            [None] * len(result.trees) if tracks is None else tracks,
             result.trees.scores,
             measurements_of(result),
             result.pixel_sizes,
@@ -129,12 +129,11 @@ class _Totals:
         ):
             self._rows.append(tree_row(anchor, name, name_of_tree, float(score), tree, size))
             self._reasons.add(tree)
-            self._stand.add(tree)
-            if isinstance(tree.diameter_m, Estimate):
-                self._diameters_m.append(tree.diameter_m.value)
-                measured += 1
-            if isinstance(tree.dbh_m, Estimate):
-                self._dbhs_m.append(tree.dbh_m.value)
+            if tracks is None:
+                self._stand.add(tree, -len(self._rows))
+            elif track is not None:
+                self._stand.add(tree, track)
+            measured += isinstance(tree.diameter_m, Estimate)
         words = f"{counted(len(result.trees), 'tree')}, {measured} with a diameter"
         if result.frame.depth_fault is not None:
             words += f"; {result.frame.depth_fault}"
@@ -145,17 +144,20 @@ class _Totals:
 
     def summary(self, source: str, trees_from: str, left_out: Sequence[str]) -> str:
         """The page from its heading to the beginning of the pictures."""
-        trees, measured = len(self._rows), len(self._diameters_m)
+        trees, diameters_m = len(self._rows), self._stand.values("diameter_m")
         shown = "frame" if self._whole else "picture"
         middle_html = "–"
-        if self._diameters_m:
-            value_m = median(self._diameters_m)
+        if diameters_m:
+            value_m = median(diameters_m)
             text = AMOUNTS["diameter_m"].value(Estimate(value_m, 0.0))
             attributes = length_attributes("diameter_m", value_m)
             middle_html = f"<span {attributes}>{text} cm</span>"
         found = (str(trees), "tree found" if trees == 1 else "trees found")
+        measured = (f"{len(diameters_m)} of {trees}", "trees with a measured diameter")
         if self._tracks is not None:  # in a video, where the same trees are found again and again
             found = (f"about {len(self._tracks)}", f"different trees, found {trees} times")
+            of_stems = f"{len(diameters_m)} of {len(self._tracks)}"
+            measured = (of_stems, "different trees with a measured diameter")
         return (
             f"<h1>{escape(self._head.title or f'Trees in {source}')}</h1>"
             f'<p class="lead">{escape(self._lead(source, trees_from))}</p>{unit_buttons()}'
@@ -163,11 +165,11 @@ class _Totals:
                 [
                     (str(self._frames), f"{shown}{'' if self._frames == 1 else 's'}"),
                     found,
-                    (f"{measured} of {trees}", "trees with a measured diameter"),
+                    measured,
                     (middle_html, "median diameter at the felling cut"),
                 ]
             )
-            + self._stand.html()
+            + self._stand.html(followed=self._tracks is not None)
             + self._left_out(left_out)
             + self._classes()
             + self._reasons.html()
@@ -195,8 +197,8 @@ class _Totals:
         charts = [
             chart
             for name, diameters_m in (
-                ("Diameter at the cut", self._diameters_m),
-                ("DBH (at breast height)", self._dbhs_m),
+                ("Diameter at the cut", self._stand.values("diameter_m")),
+                ("DBH (at breast height)", self._stand.values("dbh_m")),
             )
             if (chart := class_chart(name, diameters_m))
         ]

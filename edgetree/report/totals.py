@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from basetree.page import parts
 from edgetree.measure import Estimate, TreeMeasurement
@@ -45,45 +45,65 @@ class _Sums:
         return Estimate(value / self.number, std / self.number)
 
 
+class _Value(NamedTuple):
+    """A value, and the part of its standard deviation that it shares with all others."""
+
+    estimate: Estimate
+    common_std: float
+
+
 @dataclass
 class StandTotals:
-    """Sums over the trees of a report.
+    """Sums over the trees of a report, each of them once, with the most certain of its values.
 
     Attributes:
         area_ha: Area that the trees stand on, in hectares; None if it is not known.
     """
 
     area_ha: float | None = None
-    _means: dict[str, _Sums] = field(default_factory=lambda: {name: _Sums() for name in _MEANS})
-    _squares_m2: _Sums = field(default_factory=_Sums)
-    _volumes_m3: _Sums = field(default_factory=_Sums)
-    _trees: int = 0
+    _values: dict[str, dict[int, _Value]] = field(
+        default_factory=lambda: {name: {} for name in (*_MEANS, "volume_m3")}
+    )
+    _trees: set[int] = field(default_factory=set)
 
-    def add(self, tree: TreeMeasurement) -> None:
-        """Add a tree."""
-        self._trees += 1
-        for name, sums in self._means.items():
+    def add(self, tree: TreeMeasurement, number: int) -> None:
+        """Add a view of a tree.
+
+        Args:
+            tree: The measurement.
+            number: The same for all views of a tree.
+        """
+        self._trees.add(number)
+        for name, values in self._values.items():
             value = getattr(tree, name)
-            if isinstance(value, Estimate):
-                sums.add(value.value, value.std, tree.rig_std.get(name, 0.0))
-        dbh, volume = tree.dbh_m, tree.volume_m3
-        if isinstance(dbh, Estimate):
-            slope = 2 * dbh.value
-            common = slope * tree.rig_std.get("dbh_m", 0.0)
-            self._squares_m2.add(dbh.value**2, slope * dbh.std, common)
-        if isinstance(volume, Estimate):
-            # One volume function for all: its error, which is most of it, is the same in all.
-            self._volumes_m3.add(volume.value, volume.std, volume.std)
+            if isinstance(value, Estimate) and (
+                number not in values or value.std < values[number].estimate.std
+            ):
+                # One volume function for all: its error, which is most of it, is the same in all.
+                of_rig = tree.rig_std.get(name, 0.0)
+                values[number] = _Value(value, value.std if name == "volume_m3" else of_rig)
 
-    def html(self) -> str:
-        """The values as a section of the page; empty if there is none."""
+    def values(self, quantity: str) -> list[float]:
+        """The values of a quantity, one for each tree that has one."""
+        return [each.estimate.value for each in self._values[quantity].values()]
+
+    def html(self, *, followed: bool) -> str:
+        """The values as a section of the page; empty if there is none.
+
+        Args:
+            followed: Whether views of the same stem had the same number.
+        """
         rows = list(self._rows())
         if not rows:
             return ""
+        counting = (
+            "each stem that was followed counts once, with the most certain of its values"
+            if followed
+            else "a tree counts as often as it is in a picture"
+        )
         words = (
             "± is one standard deviation of the measurement, with the rig's own errors, which do"
-            " not average away. Trees without a value are in none of these, and a tree counts as"
-            " often as it is in a picture."
+            f" not average away. Trees without a value are in none of these, and {counting}."
         )
         return parts.heading("Totals", words) + parts.table(
             ["", "value", "trees with it"], rows, kind="text"
@@ -91,26 +111,41 @@ class StandTotals:
 
     def _rows(self) -> Iterator[list[parts.Cell | str]]:
         for name, words in _MEANS.items():
-            if self._means[name].number:
-                yield self._row(words, name, self._means[name].mean(), self._means[name])
-        squares = self._squares_m2
-        if squares.number:
-            mean = squares.mean()
-            root = math.sqrt(mean.value)
-            value = Estimate(root, mean.std / (2 * root))
-            yield self._row("quadratic mean DBH", "dbh_m", value, squares)
-            if self.area_ha is not None:
-                total, std = squares.sum()
-                factor = math.pi / 4 / self.area_ha
-                area = Estimate(factor * total, factor * std)
-                yield self._row(f"basal area on {self.area_ha:g} ha", BASAL_AREA, area, squares)
-        if self._volumes_m3.number:
-            volumes = self._volumes_m3
+            if self._values[name]:
+                sums = self._sums(name)
+                yield self._row(words, name, sums.mean(), sums)
+        if self._values["dbh_m"]:
+            yield from self._squares()
+        if self._values["volume_m3"]:
+            volumes = self._sums("volume_m3")
             yield self._row("sum of stem volumes", "volume_m3", volumes.sum(), volumes)
+
+    def _sums(self, quantity: str) -> _Sums:
+        sums = _Sums()
+        for (value, std), common_std in self._values[quantity].values():
+            sums.add(value, std, common_std)
+        return sums
+
+    def _squares(self) -> Iterator[list[parts.Cell | str]]:
+        """Quadratic mean and basal area."""
+        squares = _Sums()
+        for (value, std), common_std in self._values["dbh_m"].values():
+            slope = 2 * value
+            squares.add(value**2, slope * std, slope * common_std)
+        mean = squares.mean()
+        root = math.sqrt(mean.value)
+        yield self._row(
+            "quadratic mean DBH", "dbh_m", Estimate(root, mean.std / (2 * root)), squares
+        )
+        if self.area_ha is not None:
+            total, std = squares.sum()
+            factor = math.pi / 4 / self.area_ha
+            area = Estimate(factor * total, factor * std)
+            yield self._row(f"basal area on {self.area_ha:g} ha", BASAL_AREA, area, squares)
 
     def _row(
         self, words: str, quantity: str, value: Estimate, sums: _Sums
     ) -> list[parts.Cell | str]:
         text = UNITS["cm"][quantity].with_std(value)
         cell = parts.Cell(text, length_attributes(quantity, value))
-        return [words, cell, f"{sums.number} of {self._trees}"]
+        return [words, cell, f"{sums.number} of {len(self._trees)}"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal, NotRequired, TypedDict
+from typing import Annotated, Any, Final, Literal, NotRequired, TypedDict
 
 from msgspec import UNSET, Meta, UnsetType, defstruct
 
@@ -51,28 +51,24 @@ class Evidence(TypedDict):
     source_std_m: dict[str, float]
     arc_deg: float
     valid_depth_share: Share
-    visible_share: Share
+    visible_share: Share | None
     ground: str
     distance_at: str
     warnings: list[str]
 
 
-Metres = defstruct(
-    "Metres",
-    [
-        *_intervals(QUANTITIES),
-        ("species", str | None, None),
-        ("profile", Profile | UnsetType, UNSET),
-        ("profile_failure", str | UnsetType, UNSET),
-        *(
-            (f"{point}{what}", kind | UnsetType, UNSET)
-            for point in ("cut_point", "cut_point_machine")
-            for what, kind in (("_m", Triple), ("_std_m", Triple), ("_failure", str))
-        ),
-        ("evidence", Evidence),
-    ],
-    kw_only=True,
-)
+METRES_FIELDS: Final[list[tuple[str, Any, Any]]] = [
+    *_intervals(QUANTITIES),
+    ("species", str | None, None),
+    ("profile", Profile | UnsetType, UNSET),
+    ("profile_failure", str | UnsetType, UNSET),
+    *(
+        (f"{point}{what}", kind | UnsetType, UNSET)
+        for point in ("cut_point", "cut_point_machine")
+        for what, kind in (("_m", Triple), ("_std_m", Triple), ("_failure", str))
+    ),
+]
+Metres = defstruct("Metres", [*METRES_FIELDS, ("evidence", Evidence)], kw_only=True)
 """The measurement of a tree; a value that is missing has a reason."""
 
 
@@ -90,9 +86,10 @@ class Pixels(TypedDict):
 
 
 class Tree(TypedDict):
-    """A tree of a frame."""
+    """A tree of a frame; `track` in videos and recordings, null until the stem is followed."""
 
     tree: Count
+    track: NotRequired[Count | None]
     score: Share
     box_px: Box
     keypoints_px: NotRequired[dict[str, Triple]]
@@ -196,6 +193,7 @@ class Stems(TypedDict):
     time_s: float
     age_s: float
     left_out: Count
+    sequence: NotRequired[Count]
     stems: list[ShortStem]
 
 

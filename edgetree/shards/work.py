@@ -17,6 +17,9 @@ from basetree.jobs import Job, JobError, Store
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig
+from edgetree.live.results import numbered_stems
+from edgetree.live.tracking.picture_tracker import PictureTracker
+from edgetree.measure import StemViews
 from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import frame_record
 from edgetree.shards.inputs import FramesOfUnit, list_frames
@@ -81,7 +84,8 @@ class FrameWork:
         def work(unit: int) -> bytes:
             start = unit * block
             with files.frames(start, block, self.rig, depth_only=depth_only) as opened:
-                return json.dumps(self._part(opened, detector), allow_nan=False).encode()
+                part = self._part(opened, detector, follows=files.are_recordings)
+                return json.dumps(part, allow_nan=False).encode()
 
         return work
 
@@ -98,13 +102,23 @@ class FrameWork:
             LocalStore(folder).write(name, content)
         return folder / self.model.name
 
-    def _part(self, opened: FramesOfUnit, detector: TreeDetector) -> dict[str, Any]:
-        """The results of a unit: records, rows of the tables, and what was left out."""
+    def _part(
+        self, opened: FramesOfUnit, detector: TreeDetector, *, follows: bool
+    ) -> dict[str, Any]:
+        """The results of a unit: records, rows of the tables, and what was left out.
+
+        Args:
+            opened: The frames.
+            detector: The model.
+            follows: Whether the frames are those of one recording, whose stems are numbered.
+        """
         table, profiles = io.StringIO(newline=""), io.StringIO(newline="")
         records, left_out = [], []
         shown = {here: self.shown.get(where, where) for here, where in opened.folders.items()}
-        for outcome in self._outcomes(opened.frames, detector):
+        stems, views = (PictureTracker(), StemViews()) if follows else (None, None)
+        for outcome in self._outcomes(opened.frames, detector, views):
             if isinstance(outcome, FrameResult):
+                outcome = outcome if stems is None else numbered_stems(outcome, stems)
                 record = frame_record(outcome)
                 records.append({**record, "path": _as_shown(record["path"], shown)})
                 TREES.write_rows(table, outcome)
@@ -122,12 +136,12 @@ class FrameWork:
         }
 
     def _outcomes(
-        self, frames: Iterator[Frame], detector: TreeDetector
+        self, frames: Iterator[Frame], detector: TreeDetector, views: StemViews | None
     ) -> Iterator[FrameResult | Exception]:
         """The result of each frame, or why it cannot be read or measured."""
         while True:
             try:
-                yield process(next(frames), detector, self.rig, self.settings)
+                yield process(next(frames), detector, self.rig, self.settings, views)
             except StopIteration:
                 return
             except InputError as error:

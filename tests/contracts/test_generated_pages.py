@@ -36,3 +36,13 @@ def test_numbers_and_tables_are_those_of_the_code(generated):
 def test_an_unknown_name_is_an_error(generated):
     with pytest.raises(ValueError, match=r"\{\{NO_SUCH_M\}\}: expected a constant or a setting of"):
         generated("{{NO_SUCH_M}}")
+
+
+def test_the_page_of_schemas_lists_each_with_its_keys(generated):
+    rows = generated("<!-- schemas -->").splitlines()
+    (row,) = (row for row in rows if row.startswith("| `edgetree.run/1`"))
+    assert "`edgetree run --json`" in row
+    assert "`frames`" in row
+    assert "*`left_out`*" in row
+    assert len(rows) > 30
+    assert not [row for row in rows if "|  |" in row]

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from bench_results import ACCURACY, result_of, row_of
+from schema_check import check_schema
 
 from basetree.errors import InputError
 from edgetree.bench.compare import compare_results
@@ -84,6 +85,7 @@ def test_every_field_may_be_missing_or_of_another_kind(tmp_path: Path, seed: int
             refused += 1
         else:
             assert json.dumps(found.to_dict(), allow_nan=False)
+            check_schema(found.to_dict())
             assert list(found.lines())
             read += 1
     assert min(read, refused) > 20

@@ -5,50 +5,35 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from schema_check import check_schema
 
 import calib
 from calib.depth_scale import DepthScale
 from edgetree.catalogue import default_model
 from edgetree.model_file.manifest import METADATA_KEY
 from edgetree.model_file.safety_check import read_model_file
+from edgetree.results.service_state import ServiceState, state_message
 from edgetree.sample_files import write_samples
 from edgetree.schemas import json_schema, schema_names
+from edgetree.signing.statement import Statement
+from edgetree.signing.trust import TrustedKey, TrustFile, write_trust_file
+from edgetree.signing.used_versions import record_time
+from edgetree.sources.bags.exact import exact_record
 
 jsonschema = pytest.importorskip("jsonschema")
 Cli = Callable[..., Any]
 ROOT = Path(__file__).resolve().parents[3]
 
 NOT_DESCRIBED = {
-    *("edgetree.bench/2", "edgetree.bench-comparison/1", "edgetree.calibrate/1", "edgetree.card/1"),
-    *("edgetree.check-rig/1", "edgetree.conformance-check/1", "edgetree.conformance-make/1"),
-    *("edgetree.demo/1", "edgetree.doctor/1", "edgetree.export/1", "edgetree.eval/1"),
-    *("edgetree.live.page/1", "edgetree.recording/1", "edgetree.recording.frame/1"),
-    *("edgetree.job/1", "edgetree.part/1", "edgetree.shard/1", "edgetree.model-signature/1"),
-    *("edgetree.trust/1", "edgetree.used-versions/1", "edgetree.verify/1"),
+    *("edgetree.bench/2", "edgetree.card/1", "edgetree.live.page/1", "edgetree.recording/1"),
+    *("edgetree.eval/1", "edgetree.verify/1"),
 }
-
-
-def closed(schema: Any) -> Any:
-    """A schema that allows the keys alone that it names."""
-    if isinstance(schema, list):
-        return [closed(each) for each in schema]
-    if not isinstance(schema, dict):
-        return schema
-    inner = {key: closed(value) for key, value in schema.items()}
-    if inner.get("type") == "object" and "properties" in inner:
-        inner.setdefault("additionalProperties", False)
-    return inner
-
-
-def check(record: Any) -> str:
-    name: str = record["schema"]
-    jsonschema.Draft202012Validator(closed(json_schema(name))).validate(record)
-    return name
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +86,14 @@ def test_results_of_run_measure_and_check_are_valid(
         json.loads((tmp_path / "check" / "settings.json").read_text()),
     ]
     records += records[1]["frames"]
-    assert [check(record) for record in records][:4] == [
+    assert [check_schema(record) for record in records][:4] == [
         *("edgetree.measure/1", "edgetree.run/1", "edgetree.check/1", "edgetree.check_settings/1"),
     ]
 
 
 def test_frames_without_metres_are_valid(run_cli: Cli, images: Path, model: Path) -> None:
     for line in run_cli("run", images, "--model", model).out.splitlines():
-        assert check(json.loads(line)) == "edgetree.frame/1"
+        assert check_schema(json.loads(line)) == "edgetree.frame/1"
 
 
 def test_live_results_and_their_map_are_valid(run_cli: Cli, samples: Path, tmp_path: Path) -> None:
@@ -117,14 +102,14 @@ def test_live_results_and_their_map_are_valid(run_cli: Cli, samples: Path, tmp_p
     assert done.code == 0, done.err
     records = [json.loads(line) for line in lines.read_text().splitlines()]
     assert records[-1]["tracks"]
-    assert {check(record) for record in records} == {"edgetree.live/1"}
-    assert check(json.loads(stems.read_text())) == "edgetree.live.map/1"
+    assert {check_schema(record) for record in records} == {"edgetree.live/1"}
+    assert check_schema(json.loads(stems.read_text())) == "edgetree.live.map/1"
 
 
 def test_the_list_of_models_and_their_manifests_are_valid(run_cli: Cli) -> None:
-    assert check(json.loads(run_cli("models", "--json").out)) == "edgetree.models/1"
+    assert check_schema(json.loads(run_cli("models", "--json").out)) == "edgetree.models/1"
     record = json.loads(read_model_file(default_model("depth")).metadata[METADATA_KEY])
-    assert check(record) == METADATA_KEY + "/1"
+    assert check_schema(record) == METADATA_KEY + "/1"
 
 
 def test_files_of_the_rig_are_valid(tmp_path: Path) -> None:
@@ -134,13 +119,46 @@ def test_files_of_the_rig_are_valid(tmp_path: Path) -> None:
     scale = DepthScale(1.01, 0.001, 0.002, 0.001, -0.5, 1.0, 6.0, (), ())
     calib.save_depth_scale(tmp_path / "scale.json", scale)
     for name in ("camera", "t", "scale"):
-        assert check(json.loads((tmp_path / f"{name}.json").read_text())).startswith("calib.")
+        assert check_schema(json.loads((tmp_path / f"{name}.json").read_text())).startswith(
+            "calib."
+        )
+
+
+def test_files_of_shards_are_valid(run_cli: Cli, images: Path, model: Path, tmp_path: Path) -> None:
+    parts = tmp_path / "parts"
+    done = run_cli("run", images, "--model", model, "--shards", parts, "--json")
+    assert done.code == 0, done.err
+    files = [*sorted((parts / "shards").iterdir()), *sorted((parts / "parts").iterdir())]
+    assert [check_schema(json.loads(path.read_text())) for path in files] == [
+        *("edgetree.shard/1", "edgetree.job/1", "edgetree.part/1"),
+    ]
+    assert check_schema(json.loads(done.out)) == "edgetree.merge/1"
+
+
+def test_files_of_signatures_and_recordings_and_states_are_valid(tmp_path: Path) -> None:
+    write_trust_file(tmp_path / "t.json", TrustFile(True, (TrustedKey.of(bytes(32), "a", None),)))
+    record_time(tmp_path / "used.json", datetime.now(UTC))
+    camera = calib.PinholeCamera(640, 480, 500.0, 500.0, 319.5, 239.5)
+    records = [
+        json.loads((tmp_path / "t.json").read_text()),
+        json.loads((tmp_path / "used.json").read_text()),
+        json.loads(Statement("a", 1, 5, 64 * "0", "2026-11-23T08:00:00Z").to_json()),
+        exact_record(5, None, None),
+        exact_record(5, camera, np.array([0.0, -1.0, 0.0])),
+        ServiceState("running", "", 0.0, 3).record(),
+        json.loads(state_message(ServiceState("gone"), 7)),
+    ]
+    assert [check_schema(record) for record in records][:4] == [
+        *("edgetree.trust/1", "edgetree.used-versions/1", "edgetree.model-signature/1"),
+        "edgetree.recording.frame/1",
+    ]
 
 
 def test_what_is_wrong_is_found() -> None:
     for record in (
         {"schema": "calib.camera/1", "width": 0, "height": 4, "fx": 1, "fy": 1, "cx": 0, "cy": 0},
         {"schema": "edgetree.merge/1", "frames": 1},
+        {"schema": "edgetree.live.state/1", "state": "asleep", "reason": "", "since": None},
     ):
         with pytest.raises(jsonschema.ValidationError):
-            check(record)
+            check_schema(record)

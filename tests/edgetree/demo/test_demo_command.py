@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from schema_check import check_schema
 
 TIME_LIMIT_S = 60
 MEMORY_LIMIT_MIB = 1024
@@ -35,7 +36,7 @@ def demo_json(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path, str
 
 def test_the_json_names_an_existing_report(demo_json: tuple[dict, Path, str]) -> None:
     data, folder, _ = demo_json
-    assert data["schema"] == "edgetree.demo/1"
+    assert check_schema(data) == "edgetree.demo/1"
     assert data["report"] == str(Path("made/report.html"))
     assert [path.name for path in (folder / "made").iterdir()] == ["report.html"]
     assert (folder / data["report"]).read_text("utf-8").count("data:image/jpeg") == 12

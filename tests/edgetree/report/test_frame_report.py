@@ -378,6 +378,28 @@ def test_totals_have_intervals_in_which_the_rig_does_not_average_away(tmp_path: 
     assert "Stand 7" in page.text
 
 
+def test_totals_count_a_stem_that_is_followed_once(tmp_path: Path) -> None:
+    def view(diameter_m: float, std_m: float, dbh_m: float) -> TreeMeasurement:
+        values = {"diameter_m": Estimate(diameter_m, std_m), "dbh_m": Estimate(dbh_m, 0.01)}
+        return replace(MEASURED, **values, rig_std={}, volume_m3=Failure("none"))
+
+    frames = [
+        ((None, 2), (view(0.9, 0.01, 0.9), view(0.4, 0.02, 0.4))),
+        ((1, 2), (view(0.3, 0.01, 0.2), view(0.5, 0.01, 0.4))),
+        ((1, 2), (view(0.2, 0.03, 0.2), view(0.3, 0.04, 0.4))),
+    ]
+    results = [
+        replace(found := result(str(number), *trees), found=replace(found.found, tracks=tracks))
+        for number, (tracks, trees) in enumerate(frames)
+    ]
+    page = written(tmp_path / "r.html", *results)
+    rows = {row[0].text: [cell.text for cell in row[1:]] for row in page.rows}
+    assert rows["mean diameter at the felling cut"] == ["40.0 ± 0.7 cm", "2 of 2"]
+    assert rows["mean DBH"] == ["30.0 ± 0.7 cm", "2 of 2"]
+    assert "each stem that was followed counts once, with the most certain" in page.text
+    assert "2 of 2 different trees with a measured diameter" in " ".join(page.text.split())
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
