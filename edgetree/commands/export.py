@@ -78,7 +78,7 @@ def check_inputs(checkpoint: Path, *folders: Path) -> None:
         raise InputError(f"{checkpoint}: no such file, expected a .safetensors checkpoint")
     if checkpoint.suffix == ".onnx":
         raise InputError(
-            f"{checkpoint}: is an exported model, expected the .safetensors checkpoint that it is of"
+            f"{checkpoint}: is an exported model, expected its .safetensors checkpoint"
         )
     for folder in folders:
         if not folder.is_dir():
