@@ -55,8 +55,8 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
             them, or a folder of images. Depth frames are 16-bit PNG files in millimetres.
         modality: `rgb` or `depth`.
         most: Largest number of frames.
-        test_split: Take only frames of the dataset's test split if it has one. No model was
-            trained on these.
+        test_split: Take only frames of the dataset's test split, or of `val`, if it has one. No
+            model was trained on these.
 
     Raises:
         InputError: The folder does not exist or holds no images.
@@ -104,9 +104,10 @@ def _labelled_frames(folder: Path, modality: str, *, test_split: bool) -> list[P
 
 
 def _test_split_names(folder: Path) -> frozenset[str]:
-    """File names without suffix of the frames in a dataset's test split; empty without one."""
-    path = folder / "test_RGB.json"
-    if not path.is_file():
+    """File names without suffix of the frames in a dataset's test split, or without one in `val`."""
+    files = (folder / f"{split}_RGB.json" for split in ("test", "val"))
+    path = next((path for path in files if path.is_file()), None)
+    if path is None:
         return frozenset()
     try:
         images = json.loads(read_regular(path))["images"]

@@ -56,6 +56,14 @@ def test_of_other_layouts_the_test_split_is_compared_on(tmp_path: Path) -> None:
     assert len(find_frames(tmp_path, "rgb", 20)) == 3
 
 
+def test_without_a_test_split_the_validation_split_is_compared_on(tmp_path: Path) -> None:
+    for split in ("train", "val"):
+        write_image(tmp_path / "images" / f"{split}.jpg")
+        write_labels(tmp_path / f"{split}_RGB.json", f"{split}.jpg")
+    compared = find_frames(tmp_path, "rgb", 20, test_split=True)
+    assert [path.name for path in compared] == ["val.jpg"]
+
+
 def test_pictures_of_one_name_in_two_folders_are_all_compared(tmp_path: Path) -> None:
     for folder in ("one", "two"):
         write_image(tmp_path / "images" / folder / "a.jpg")
