@@ -8,10 +8,23 @@
 set -eu
 . "$(dirname "$0")/links.sh"
 
+# The name of a copy of model $1 with its signature.
+name_of() {
+    echo "model-$(sha256sum "$1" "$1.sig" 2> /dev/null | sha256sum | cut -c1-12).onnx"
+}
+
+config=${EDGETREE_CONFIG:-/etc/edgetree/edgetree.toml}
 model=${1:-}
-[ -f "$model" ] || fail "$model does not exist: expected the .onnx file of a model"
-number=$(sha256sum "$model" "$model.sig" 2> /dev/null | sha256sum | cut -c1-12)
-name="model-$number.onnx"
+[ -f "$model" ] || fail "${model:-no file} is given: expected install_model.sh MODEL.onnx, an existing file"
+[ ! -e "$config" ] || grep -q "^[^#]*$root/model.onnx" "$config" ||
+    fail "$config does not name the model that this changes: expected model = \"$root/model.onnx\" in it"
+if [ -f "$root/model.onnx" ] && [ ! -L "$root/model.onnx" ]; then # a copy by hand, to go back to
+    first=$(name_of "$root/model.onnx")
+    [ ! -e "$root/model.onnx.sig" ] || mv "$root/model.onnx.sig" "$root/$first.sig"
+    mv "$root/model.onnx" "$root/$first"
+    point model.onnx "$first"
+fi
+name=$(name_of "$model")
 before=$(readlink "$root/model.onnx" || true)
 cp "$model" "$root/$name"
 if [ -e "$model.sig" ]; then

@@ -7,6 +7,8 @@ fail() {
     exit 2
 }
 
+[ -w "$root" ] || fail "$root cannot be written: expected an existing folder, and sudo"
+
 # Let the link $root/$1 lead to $2, in one step.
 point() {
     ln -sfn "$2" "$root/$1.next"

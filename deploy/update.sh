@@ -9,26 +9,29 @@ set -eu
 . "$(dirname "$0")/links.sh"
 
 bundle=${1:-}
+[ -d "$bundle" ] || fail "${bundle:-no folder} is given: expected update.sh BUNDLE, an existing folder"
 wheel=$(ls "$bundle"/wheels/edgetree-*.whl 2> /dev/null || true)
 [ -f "$wheel" ] || fail "$bundle holds $(echo "$wheel" | grep -c .) wheels of edgetree: expected wheels/edgetree-VERSION-py3-none-any.whl"
 version=$(basename "$wheel" | cut -d- -f2)
 before=$(readlink "$root/current" || true)
+stays="${before:-no version} stays in use"
 [ "$before" != "$version" ] || fail "version $version is in use already: expected a bundle of another"
 
 if [ ! -e "$root/$version/complete" ]; then
     rm -rf "${root:?}/$version" # what an interrupted update left
-    python3 -m venv "$root/$version"
+    python3 -m venv "$root/$version" || fail "python3 makes no environment: expected the package python3-venv"
     for list in runtime sign; do
         [ ! -e "$bundle/$list.txt" ] ||
-            "$root/$version/bin/pip" install --no-index --find-links "$bundle/wheels" -r "$bundle/$list.txt"
+            "$root/$version/bin/pip" install --no-index --find-links "$bundle/wheels" -r "$bundle/$list.txt" ||
+            fail "$list.txt cannot be installed: expected wheels for $(uname -m) and $(python3 --version); $stays"
     done
-    "$root/$version/bin/pip" install --no-index --no-deps "$wheel"
+    "$root/$version/bin/pip" install --no-index --no-deps "$wheel" || fail "$wheel cannot be installed: $stays"
     touch "$root/$version/complete"
 fi
-"$root/$version/bin/edgetree" doctor || fail "version $version is not healthy: $before stays in use"
+"$root/$version/bin/edgetree" doctor || fail "version $version is not healthy: $stays"
 if [ -e "$root/model.onnx.sig" ] || [ -e "$(readlink -f "$root/model.onnx").sig" ]; then
     "$root/$version/bin/edgetree" trust --check "$root/model.onnx" ||
-        fail "version $version refuses the model in use: $before stays in use"
+        fail "version $version refuses the model in use: $stays"
 fi
 
 point current "$version"

@@ -9,11 +9,12 @@ import typer
 
 from basetree.counts import counted
 from basetree.program.command_line import show_help
-from basetree.program.console import tell
+from basetree.program.console import note, tell
 from basetree.program.help import new_app
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
 from basetree.program.talking import TalkOptions
+from edgetree.commands.config_files import check_inputs, folder_warnings
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live import ModelOptions, checked_set_up, live_command
 from edgetree.commands.live_options import (
@@ -42,7 +43,8 @@ def check(
 ) -> None:
     """Check a set-up file: its keys and values, and the files that it names.
 
-    Nothing is opened: neither camera nor model, port or broker.
+    Nothing is opened: neither camera nor model, port or broker. A folder of an output that does not
+    exist here is a warning, as the file may be checked on another computer than the machine.
     """
     from basetree.errors import InputError
 
@@ -96,6 +98,9 @@ def _check_options(
     checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
+    check_inputs(source, model_options.model, source_options.depth)
+    for line in folder_warnings(outputs.paths):
+        note(line)
 
 
 def _typed(values: dict[str, Any]) -> dict[str, Any]:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.errors import InputError
 from basetree.program.console import complain, note, print_json, tell
 from basetree.program.options import expand_groups
 from basetree.program.progress import steps_shown
-from edgetree.commands.options import Json
+from edgetree.commands.options import Json, quoted
 from edgetree.export.settings import ExportSettings
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def export(
 
     Options that are not given are taken from the checkpoint.
     """
+    check_inputs(checkpoint, data, data if calibration is None else calibration)
     from edgetree.export import export_model
 
     with showing_differences(), steps_shown("reading the checkpoint") as say:
@@ -59,7 +61,28 @@ def _tell(report: ExportReport, as_json: bool) -> None:
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
-    note(f"next: edgetree run IMAGE --model {report.path} --out pictures")
+    note(f"next: edgetree bench {quoted(report.path)}")
+
+
+def check_inputs(checkpoint: Path, *folders: Path) -> None:
+    """Check that files and folders exist, before PyTorch is loaded, which takes seconds.
+
+    Args:
+        checkpoint: The checkpoint.
+        folders: Folders of frames, or datasets.
+
+    Raises:
+        InputError: One of them does not exist, or is of another kind.
+    """
+    if not checkpoint.exists():
+        raise InputError(f"{checkpoint}: no such file, expected a .safetensors checkpoint")
+    if checkpoint.suffix == ".onnx":
+        raise InputError(
+            f"{checkpoint}: is an exported model, expected its .safetensors checkpoint"
+        )
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"{folder} is no folder: expected one with frames, or a dataset")
 
 
 @contextmanager

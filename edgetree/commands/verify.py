@@ -9,8 +9,8 @@ import typer
 
 from basetree.program.console import note, print_json, tell
 from basetree.program.progress import steps_shown
-from edgetree.commands.export import record, showing_differences
-from edgetree.commands.options import Json
+from edgetree.commands.export import check_inputs, record, showing_differences
+from edgetree.commands.options import Json, quoted
 
 
 def verify(
@@ -24,6 +24,7 @@ def verify(
     as_json: Json = False,
 ) -> None:
     """Repeat the parity check of an export, on any frames and on this machine."""
+    check_inputs(checkpoint, data)
     from edgetree.export import verify_model
 
     with showing_differences(), steps_shown("reading file and checkpoint") as say:
@@ -34,4 +35,4 @@ def verify(
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
-    note(f"next: edgetree bench {file}")
+    note(f"next: edgetree bench {quoted(file)}")

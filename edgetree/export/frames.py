@@ -51,12 +51,12 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
     """Find at most `most` frames of a folder, evenly spread over its sorted names.
 
     Args:
-        folder: a dataset, with its frames in `images` or `depth`, or a folder of images. Depth
-            frames are 16-bit PNG files in millimetres.
+        folder: a dataset, with its frames in `images` or `depth` or where its label files name
+            them, or a folder of images. Depth frames are 16-bit PNG files in millimetres.
         modality: `rgb` or `depth`.
         most: Largest number of frames.
-        test_split: Take only frames of the dataset's test split if it has one. No model was
-            trained on these.
+        test_split: Take only frames of the dataset's test split, or of `val`, if it has one. No
+            model was trained on these.
 
     Raises:
         InputError: The folder does not exist or holds no images.
@@ -69,6 +69,7 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
     paths = sorted(path for path in images.iterdir() if path.suffix.lower() in suffixes)
     chosen = _test_split_names(folder) if test_split else frozenset()
     paths = [path for path in paths if path.stem in chosen] or paths
+    paths = paths or _labelled_frames(folder, modality, test_split=test_split)
     if not paths:
         raise InputError(
             f"folder {images} has no {modality} frames: expected {', '.join(suffixes)}"
@@ -77,10 +78,36 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
     return [paths[i * len(paths) // count] for i in range(count)]
 
 
+def _labelled_frames(folder: Path, modality: str, *, test_split: bool) -> list[Path]:
+    """The frames of a dataset in any layout of `perceptree.data`; none if it has no labels.
+
+    Args:
+        folder: The dataset.
+        modality: `rgb` or `depth`.
+        test_split: Take only the test split, without one only `val`, without both only `train`.
+    """
+    from perceptree.data.dataset import read_labels
+    from perceptree.data.layouts import find_splits
+    from perceptree.errors import DatasetError
+
+    try:
+        splits = find_splits(folder)  # in the order train, val, test
+    except DatasetError:
+        return []
+    frames = [
+        frame
+        for labels in splits[-1 if test_split else 0 :]
+        for frame in read_labels(labels).frames
+    ]
+    paths = [frame.image_path if modality == "rgb" else frame.depth_path for frame in frames]
+    return sorted(path for path in paths if path is not None)
+
+
 def _test_split_names(folder: Path) -> frozenset[str]:
-    """File names without suffix of the frames in a dataset's test split; empty without one."""
-    path = folder / "test_RGB.json"
-    if not path.is_file():
+    """File names without suffix of the frames in a dataset's test split, or without one in `val`."""
+    files = (folder / f"{split}_RGB.json" for split in ("test", "val"))
+    path = next((path for path in files if path.is_file()), None)
+    if path is None:
         return frozenset()
     try:
         images = json.loads(read_regular(path))["images"]

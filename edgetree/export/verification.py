@@ -64,7 +64,12 @@ def read_verification_frames(data: Path, spec: ModelSpec) -> VerificationFrames:
     """
     paths = find_frames(data, spec.modality, _COMPARED_FRAMES, test_split=True)
     images = read_frames(paths, spec)
-    named = dict(zip((path.stem for path in paths), images, strict=True))
+    stems = [path.stem for path in paths]
+    names = [
+        stem if stems.count(stem) == 1 else str(path)
+        for stem, path in zip(stems, paths, strict=True)
+    ]
+    named = dict(zip(names, images, strict=True))
     return VerificationFrames(named, tuple(paths), data)
 
 

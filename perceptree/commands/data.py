@@ -56,6 +56,9 @@ def check(
     print_found(as_json, report.to_dict, lambda: _report_lines(report))
     if report.findings:
         raise typer.Exit(1)
+    if not as_json:
+        modality = "depth" if all(part.has_depth for part in report.splits) else "rgb"
+        note(f"next: perceptree train {directory} --out runs/{modality} --modality {modality}")
 
 
 def _report_lines(report: Report) -> Iterator[str]:

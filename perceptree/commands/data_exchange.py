@@ -158,3 +158,5 @@ def _write(
     for name, count in counts.items():
         tell(f"{name:5} {counted(count['pictures'], 'picture')}, {counted(count['trees'], 'tree')}")
     tell(out)
+    if form == "coco":
+        note(f"next: perceptree data check {out}")

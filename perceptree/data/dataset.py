@@ -143,9 +143,6 @@ def parse_content(
     notes = parsed.notes + pictures.notes + ignored_note(frames, certain_m)
     if not has_keypoints:
         notes += ("no tree has a labelled keypoint",)
-    if without_depth:
-        share = "" if without_depth == len(frames) else f" for {without_depth} frames"
-        notes += (f"no 8-bit depth{share}: for colour, --modality rgb",)
     return Dataset(
         labels, frames, notes, parsed.has_masks, has_keypoints, not without_depth, parsed.tally
     )

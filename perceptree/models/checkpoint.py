@@ -95,7 +95,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         record = json.loads(text) if text else None
     except (SafetensorError, OSError, ValueError, RecursionError) as error:
-        raise CheckpointError(f"{path}: not a readable safetensors file ({error})") from error
+        raise CheckpointError(
+            f"{path}: not a readable safetensors file ({error}), expected a perceptree checkpoint"
+        ) from error
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise CheckpointError(f"{path}: not a perceptree checkpoint, expected schema {SCHEMA}")
     if not isinstance(record.get("spec"), dict):

@@ -67,10 +67,14 @@ def read_log(out: Path) -> list[dict[str, Any]]:
     path = out / LOG_NAME
     try:
         lines = read_regular(path).decode("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path}: no such file, expected the folder of a training") from error
+    except OSError as error:
         raise CheckpointError(
-            f"{path}: cannot be read ({error}), expected the folder of a training"
+            f"{path}: cannot be read ({error.strerror}), expected the folder of a training"
         ) from error
+    except UnicodeDecodeError as error:
+        raise CheckpointError(f"{path}: not a text file, expected the log of a training") from error
     entries: dict[tuple[int, bool], dict[str, Any]] = {}
     for number, line in enumerate(lines, start=1):
         try:

@@ -67,6 +67,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (programs / name).write_text(text)
         (programs / name).chmod(0o755)
     for name, value in {
+        "EDGETREE_CONFIG": str(tmp_path / "none.toml"),
         "PATH": f"{programs}:{os.environ['PATH']}",
         "EDGETREE_ROOT": str(root),
         "EDGETREE_WAIT_S": "0",
@@ -115,6 +116,67 @@ def test_an_update_can_be_rolled_back(tmp_path: Path, machine: Path) -> None:
     assert (machine / "calls").read_text().splitlines()[-2:] == ["restart 0.2.0", "is-active 0.2.0"]
     assert do("update.sh", tmp_path / "bundle-0.3.0")[0] == 0  # installed already
     assert links(machine) == ("0.3.0", "0.2.0")
+
+
+def test_a_version_that_was_installed_by_hand_is_gone_back_to(
+    tmp_path: Path, machine: Path
+) -> None:
+    assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
+    (machine / "0.2.0" / "complete").unlink()  # which only update.sh leaves
+    assert do("update.sh", bundle(tmp_path, "0.3.0"))[0] == 0
+    assert do("roll_back.sh") == (0, "version 0.2.0 is in use; 0.3.0 was before")
+
+
+def test_packages_that_cannot_be_installed_are_told(tmp_path: Path, machine: Path) -> None:
+    python = tmp_path / "programs" / "python3"
+    python.write_text(PYTHON3.replace("for last; do :; done", "exit 1"))
+    code, line = do("update.sh", bundle(tmp_path, "0.2.0"))
+    assert (code, "runtime.txt cannot be installed: expected wheels for" in line) == (2, True)
+    assert line.endswith("; no version stays in use")
+    assert links(machine) == ("-", "-")
+
+
+@pytest.mark.parametrize("script", ["update.sh", "install_model.sh"])
+def test_nothing_given_is_told(machine: Path, script: str) -> None:
+    code, line = do(script)
+    assert (code, f"is given: expected {script}" in line) == (2, True)
+
+
+def test_a_folder_that_cannot_be_written_is_told(
+    tmp_path: Path, machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("EDGETREE_ROOT", str(tmp_path / "none"))
+    code, line = do("update.sh", bundle(tmp_path, "0.2.0"))
+    assert (
+        code,
+        line.endswith("none cannot be written: expected an existing folder, and sudo"),
+    ) == (
+        2,
+        True,
+    )
+
+
+def test_a_model_that_the_set_up_does_not_name_is_not_changed(
+    tmp_path: Path, machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tmp_path / "edgetree.toml"
+    monkeypatch.setenv("EDGETREE_CONFIG", str(config))
+    config.write_text(f'model = "depth"\n# model = "{machine}/model.onnx"\n')
+    code, line = do("install_model.sh", default_model("depth"))
+    assert (code, line.endswith(f'expected model = "{machine}/model.onnx" in it')) == (2, True)
+    assert not (machine / "model.onnx").exists()
+    config.write_text(f'model = "{machine}/model.onnx"\n')
+    assert do("install_model.sh", default_model("depth"))[0] == 0
+
+
+def test_a_model_that_was_copied_by_hand_is_kept(
+    tmp_path: Path, machine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (machine / "model.onnx").write_bytes(b"by hand")
+    (tmp_path / "programs" / "systemctl").write_text("#!/bin/sh\nexit 1\n")
+    code, line = do("install_model.sh", default_model("depth"))
+    assert (code, "runs neither" in line) == (2, True)
+    assert (machine / "model.onnx").read_bytes() == b"by hand"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from basetree.counts import counted
 from perceptree.data.check.findings import Finding, Findings
 from perceptree.data.check.labels import label_faults
 from perceptree.data.check.leakage import file_leaks, picture_leaks, scene_leaks, scene_of
@@ -162,6 +163,15 @@ def _check_frame(frame: FrameRecord) -> tuple[Faults, Signature | None, str]:
     return faults, signature, how
 
 
+def _without_depth(dataset: Dataset) -> list[str]:
+    """What a dataset without 8-bit depth, or with some, is good for."""
+    if dataset.has_depth:
+        return []
+    count = sum(frame.depth8_path is None for frame in dataset.frames)
+    share = "" if count == len(dataset.frames) else f" for {counted(count, 'frame')}"
+    return [f"no 8-bit depth{share}: for colour, --modality rgb"]
+
+
 def _summary(split: str, dataset: Dataset, oriented: Counter[str]) -> SplitSummary:
     turned = [f"{oriented[how]} {text}" for how, text in ORIENTED.items() if oriented[how]]
     return SplitSummary(
@@ -172,5 +182,5 @@ def _summary(split: str, dataset: Dataset, oriented: Counter[str]) -> SplitSumma
         dataset.has_masks,
         dataset.has_keypoints,
         dataset.has_depth,
-        (*dataset.notes, *turned),
+        (*dataset.notes, *_without_depth(dataset), *turned),
     )

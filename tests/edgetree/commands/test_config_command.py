@@ -130,6 +130,35 @@ def test_a_file_says_where_messages_go(run_cli: Cli, setup: Path) -> None:
     done = run_cli("live", "--config", setup, "--frames", "1")
     assert (done.code, done.err) == (0, "")
     assert "1 frame, " in (setup.parent / "live.log").read_text()
+UNOPENED = {
+    "model": ('model = "none.onnx"', "line 4: --model is .*none.onnx, which does not exist"),
+    "model name": ('model = "edge-n-depht"', "line 4: no model is called .*mean edge-n-depth"),
+    "source": ('source = "nodrive"', "line 1: --source is nodrive, which does not exist"),
+    "depth": ('depth = "nodepth"', "line 2: --depth is .*nodepth, which does not exist"),
+    "style": ('csv-style = "excel"', "line 6: --csv-style given without a CSV file"),
+}
+
+
+@pytest.mark.parametrize("mistake", UNOPENED)
+def test_what_is_not_opened_is_checked_all_the_same(
+    run_cli: Cli, setup: Path, mistake: str
+) -> None:
+    text, message = UNOPENED[mistake]
+    key = text.split()[0]
+    lines = setup.read_text().splitlines()
+    kept = [text if line.startswith(f"{key} =") else line for line in lines]
+    setup.write_text("\n".join(kept if text in kept else [*kept, text]) + "\n")
+    done = run_cli("config", "check", setup)
+    assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    assert re.search(f"edgetree.toml {message}", done.err), done.err
+
+
+def test_a_folder_of_results_that_is_not_here_is_a_warning(run_cli: Cli, setup: Path) -> None:
+    setup.write_text(setup.read_text() + 'csv = "/var/lib/none/stems.csv"\n')
+    done = run_cli("config", "check", setup)
+    assert (done.code, done.err.count("\n")) == (0, 1), done.err
+    assert done.err.startswith("warning: csv is /var/lib/none/stems.csv, whose folder")
+    assert done.out.endswith("all valid\n")
 
 
 def test_a_file_without_source_is_told(run_cli: Cli, tmp_path: Path) -> None:

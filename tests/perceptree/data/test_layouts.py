@@ -72,7 +72,7 @@ def test_synthtree43k_as_published(posts: Path, tmp_path: Path) -> None:
         assert read_split(directory, split)[0].trees[0].box_px[1] == 8
     dataset = read_dataset(directory, "train")
     assert (dataset.has_masks, dataset.has_keypoints, dataset.has_depth) == (True, True, False)
-    assert dataset.notes == ("no 8-bit depth: for colour, --modality rgb",)
+    assert dataset.notes == ()
 
 
 def test_synthtree43ks_labels_of_entire_trees_are_chosen(posts: Path, tmp_path: Path) -> None:

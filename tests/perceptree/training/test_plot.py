@@ -127,7 +127,7 @@ def test_mistakes_are_told_in_one_line(call: Call, tmp_path: Path) -> None:
     run = write_log(tmp_path / "run")
     code, _, told = call("plot", tmp_path / "none")
     assert (code, told.count("\n")) == (2, 1)
-    assert "none/log.jsonl: cannot be read" in told
+    assert "none/log.jsonl: no such file, expected the folder" in told
     code, _, told = call("plot", run, "--out", tmp_path / "picture.jpg")
     assert (code, told.count("\n")) == (2, 1)
     assert "picture.jpg: expected a name ending in .png" in told
