@@ -59,7 +59,7 @@ def _tell(report: ExportReport, as_json: bool) -> None:
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
-    note(f"next: edgetree run IMAGE --model {report.path} --out pictures")
+    note(f"next: edgetree run IMAGE --model {report.path} --out pictures", whole=True)
 
 
 @contextmanager

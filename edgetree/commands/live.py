@@ -200,8 +200,16 @@ def live(
                 else different_words(found)
             )
         note(model_words(detector, model_path))
+        _tell_files(outputs)
     guarded.check()
     check_complete(source, pipeline.status.remarks)
+
+
+def _tell_files(outputs: LiveOutputs) -> None:
+    """Say where the results are."""
+    for option, path in outputs.paths.items():
+        if path.exists():
+            note(f"{'table' if option == '--csv' else option.removeprefix('--')}: {path}")
 
 
 def checked_set_up(

@@ -385,9 +385,9 @@ def run(
     images = inputs.depth if takes_depth else one
     typed = " ".join(map(quoted, sources.typed))
     if (further := outputs.further(one)) is not None:
-        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}")
+        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}", whole=True)
     elif one is not None and (are_files or is_picture(one)):
-        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
+        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}", whole=True)
 
 
 def _write_all(
@@ -450,7 +450,8 @@ def _check(
         if outputs.map and not (shards.are_given or is_stream(source)):
             raise InputError(
                 f"source {source} has no poses: expected a recording or a drive with poses, as"
-                " --map is given; `edgetree live` follows stems without them"
+                " --map is given; `edgetree live` follows stems without them, with depth or"
+                " --camera-height"
             )
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")

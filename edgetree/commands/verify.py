@@ -34,4 +34,4 @@ def verify(
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
-    note(f"next: edgetree bench {file}")
+    note(f"next: edgetree bench {file}", whole=True)
