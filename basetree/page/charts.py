@@ -18,6 +18,9 @@ _LARGEST: Final = 1.25  # of the width in which the text is as large as on the p
 _LEFT, _RIGHT, _TOP, _BOTTOM, _NAME = 38, 18, 8, 20, 15
 _BARS_WIDTH, _ROW, _BAR, _NAME_WIDTH, _VALUE_WIDTH = 340, 24, 16, 104, 84
 _LETTER_PX: Final = 7
+_NAME_OFFSETS_PX: Final = tuple(
+    offset for line in range(8) for offset in (16 + 12 * line, -8 - 12 * line)
+)
 
 Points: TypeAlias = Iterable[tuple[float, float]]
 Box: TypeAlias = tuple[float, float, float, float]
@@ -124,7 +127,8 @@ class Plot:
     def named_dots(self, dots: Iterable[tuple[float, float, str, str]]) -> list[str]:
         """Dots with names that do not cover each other, from (x, y, hint, name) of each.
 
-        A name stands below its dot, or as near above or below as there is room.
+        A name stands below its dot, or as near above or below as there is room; without room within
+        eight lines the hint alone tells it.
         """
         marks, taken = [], []
         named = sorted(dots)
@@ -134,7 +138,7 @@ class Plot:
             at_x, at_y, length = self._x(x), self._y(y), _LETTER_PX * len(name)
             side = "end" if self._across.place(x) > 0.5 else "start"
             left = at_x - length if side == "end" else at_x
-            for below_px in (16, -8, 28, -20, 40, -32, 52, -44):
+            for below_px in _NAME_OFFSETS_PX:
                 low = at_y + below_px
                 box = (left, left + length, low - 10, low + 2)
                 if (

@@ -11,12 +11,14 @@ from basetree.files.writing import write_text
 from benchmarks.figures.accuracy import TABLES as ACCURACY
 from benchmarks.figures.pages import ROOT, filled, pages, read
 from benchmarks.figures.paper import TABLES as PAPER
+from benchmarks.tools.program import command_line
 
 TABLES = ACCURACY | PAPER
 
 
 def main() -> None:
     """Write each page whose tables have changed, and name it."""
+    command_line(__doc__).parse_args()
     made = {name: list(make()) for name, make in TABLES.items()}
     for path in pages():
         text = filled(read(path), made)

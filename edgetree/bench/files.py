@@ -106,8 +106,19 @@ class NetworkFiles(Settings, error=InputError):
         return found
 
     def missing(self) -> list[NetworkFile]:
-        """The files that are not in the folder."""
-        return [file for file in self.files() if not file.path.is_file()]
+        """The files that are not in the folder, and can be exported to it.
+
+        Raises:
+            InputError: a name has no file and is not in `NETWORKS`.
+        """
+        missing = [file for file in self.files() if not file.path.is_file()]
+        for file in missing:
+            if file.network not in NETWORKS:
+                raise InputError(
+                    f"backbone {file.network!r} has no file {file.path} and is not a known network:"
+                    f" expected one of {', '.join(NETWORKS)}"
+                )
+        return missing
 
     def export_missing(self, say: Say) -> None:
         """Export the files that are missing, with untrained weights.
@@ -120,14 +131,7 @@ class NetworkFiles(Settings, error=InputError):
             SignatureError: a file is missing, and signatures are required.
             MissingPackage: a file is missing and torch is not installed.
         """
-        missing = self.missing()
-        for file in missing:
-            if file.network not in NETWORKS:
-                raise InputError(
-                    f"backbone {file.network!r} has no file {file.path} and is not a known network:"
-                    f" expected one of {', '.join(NETWORKS)}"
-                )
-        if missing:
+        if missing := self.missing():
             self._export(missing, say)
 
     def _export(self, missing: list[NetworkFile], say: Say) -> None:

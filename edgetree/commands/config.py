@@ -13,6 +13,7 @@ from basetree.program.console import tell
 from basetree.program.help import new_app
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
+from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live import ModelOptions, checked_set_up, live
 from edgetree.commands.live_options import (
     LiveMetresOptions,
@@ -79,11 +80,13 @@ def _check_options(
     page_options: LivePageOptions,
     outputs: LiveOutputs,
     mqtt: MqttSettings,
+    csv_options: CsvOptions,
     record_options: LiveRecordOptions,
     session: SessionOptions,
 ) -> None:
     """Check what `edgetree live` checks before it opens anything."""
     page_options.check()
+    csv_options.style(outputs.csv)
     checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )

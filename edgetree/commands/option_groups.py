@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -296,15 +296,17 @@ class SessionOptions:
         from edgetree.runtime.detector import DISPLAY_THRESHOLD, TreeDetector
 
         path = find_model(model)
-        detector = TreeDetector.load(
-            path,
-            provider=self.provider,
-            strict=self.strict,
-            threads=self.threads,
-            cache_folder=self.provider_cache,
-            score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
-        )
-        return detector, path
+        threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold
+        return TreeDetector.load(path, **self.to_load(), score_threshold=threshold), path
+
+    def to_load(self) -> dict[str, Any]:
+        """The options as arguments of `TreeDetector.load`."""
+        return {
+            "provider": self.provider,
+            "strict": self.strict,
+            "threads": self.threads,
+            "cache_folder": self.provider_cache,
+        }
 
 
 def _cover(text: str) -> tuple[float, float]:

@@ -13,7 +13,7 @@ _Name: TypeAlias = Annotated[
     str | None,
     typer.Argument(
         metavar="[NAME]",
-        help="What a JSON object gives as its `schema`, such as edgetree.frame/1. If not given, the"
+        help="What a JSON object gives as its `schema`, such as edgetree.frame/1. Without it, the"
         " names are listed.",
     ),
 ]

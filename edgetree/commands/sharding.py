@@ -199,7 +199,11 @@ def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any
     if ray is not None and session.provider != "cpu":
         raise InputError(f"--provider is {session.provider} with --ray: expected cpu")
     threads = session.threads or (1 if ray is not None else None)
-    loaded = {**asdict(session), "threads": threads, "score_threshold": frames.score_threshold}
+    loaded = {
+        **session.to_load(),
+        "threads": threads,
+        "score_threshold": frames.score_threshold,
+    }
     model = find_model(frames.model)
     TreeDetector.load(model, **loaded)  # a wrong file ends the command here
     typed = [place for place in (frames.source, frames.depth) if place is not None]

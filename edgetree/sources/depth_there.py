@@ -66,8 +66,8 @@ def has_depth(
 
 
 def _has_depth_topic(path: Path) -> bool:
-    from edgetree.sources.bags.reader import Bag
     from edgetree.sources.bags.image_topics import find_image_topics
+    from edgetree.sources.bags.reader import Bag
 
     with Bag(path) as bag:
         return any(picture.kind.role == "depth" for picture in find_image_topics(bag))

@@ -56,8 +56,9 @@ def test_a_program_tells_its_own_command(
     monkeypatch.setattr("sys.argv", [name, "--help"])
     with pytest.raises(SystemExit):
         module.main()
-    assert name in {module for module, _ in told}
-    own = " ".join(words for module, words in told if module == name)
+    called = name.removesuffix(".__main__")
+    assert called in {module for module, _ in told}
+    own = " ".join(words for module, words in told if module == called)
     assert set(re.findall(r"(?<!\S)\[?(--[\w-]+)", own)) <= known
 
 

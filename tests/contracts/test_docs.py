@@ -47,13 +47,15 @@ def examples(language: str) -> Iterator[tuple[str, str]]:
 def typed_commands(block: str) -> Iterator[list[str]]:
     """The words of every call of one of the programs, also by the path of an environment."""
     for part in re.split(r"\n|&&", block.replace("\\\n", " ")):
-        words = shlex.split(part, comments=True)
+        words = shlex.split(part.partition(" > ")[0], comments=True)
         if words and Path(words[0]).name in PROGRAMS:
             yield [Path(words[0]).name, *words[1:]]
 
 
 COMMANDS = [(page, words) for page, block in examples("sh") for words in typed_commands(block)]
 PYTHON = list(examples("python"))
+# Files that a command opens while its words are parsed.
+DEPLOYED = {"edgetree.toml": str(ROOT / "deploy" / "edgetree.toml")}
 JSON = list(examples("json"))
 
 
@@ -66,7 +68,7 @@ def check_command(words: list[str]) -> None:
         names.append(rest.pop(0))
     known = getattr(command, "commands", {})
     assert not known or not rest, f"{names} has no command {rest[0]}, only {sorted(known)}"
-    command.make_context(" ".join(names), rest)
+    command.make_context(" ".join(names), [DEPLOYED.get(word, word) for word in rest])
 
 
 def test_there_are_examples() -> None:

@@ -15,7 +15,9 @@ from typing import Any
 
 import pytest
 
+from edgetree.live.health import ServiceHealth
 from edgetree.live.page import PageServer
+from edgetree.live.status import LiveStatus
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -68,8 +70,10 @@ def test_it_runs_without_root_and_writes_to_the_results_alone() -> None:
 
 
 def test_the_page_is_healthy_with_and_without_a_token_until_it_is_closed() -> None:
+    status = LiveStatus("running", 7, 0, {}, 0, 10.0, {}, 55.0, 0.1)
+    health = ServiceHealth(lambda: status, "model.onnx")
     for token in (None, "0123456789abcdef"):
-        with PageServer(port=0, token=token) as page:
+        with PageServer(port=0, token=token, health=health) as page:
             port = int(page.address.split(":")[2].split("/")[0])
             assert HEALTH["fault"](port) is None
         assert "does not answer" in HEALTH["fault"](port)

@@ -75,8 +75,8 @@ def test_strange_colours_are_told(name: str, statistics: set[str]) -> None:
 
 
 def far(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Millimetres that were taken for metres."""
-    return depth_m * 1000
+    """A wrong unit, by a factor that leaves possible distances."""
+    return np.minimum(depth_m * 10, 50.0)
 
 
 def flat(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -123,7 +123,7 @@ def test_depth_of_each_folder_is_found_beside_it(tmp_path: Path) -> None:
         write(tmp_path / plot / "rgb" / "a.jpg")
         write_depth(tmp_path / plot / "depth" / "a.png", depth_m)
     sources = list_sources([tmp_path], recursive=True)
-    assert sources.depth() == tmp_path / "plot1" / "depth"
+    assert sources.has_depth({})
     frames = list(opened(sources))
     depths = {frame.name: frame.depth_m[0, 0] for frame in frames if frame.depth_m is not None}
     assert depths == pytest.approx({"plot1_rgb_a": 2.0, "plot2_rgb_a": 3.0})
@@ -163,7 +163,7 @@ def test_sources_with_and_without_depth_fit_no_model(tmp_path: Path) -> None:
     write(tmp_path / "plot" / "rgb" / "a.jpg")
     write_depth(tmp_path / "plot" / "depth" / "a.png", 2.0)
     with pytest.raises(InputError, match=r"plot has depth and .*a\.jpg has none"):
-        list_sources([picture, tmp_path / "plot"]).depth()
+        list_sources([picture, tmp_path / "plot"]).has_depth({})
 
 
 def test_an_unreadable_file_does_not_end_the_others(tmp_path: Path) -> None:
