@@ -1,6 +1,23 @@
-"""Entry point of `python -m perceptree` and `torchrun -m perceptree`."""
+"""Entry point of `perceptree`, `python -m perceptree` and `torchrun -m perceptree`."""
 
-from perceptree.cli import main
+import sys
+from typing import NoReturn
+
+from basetree.program.interrupts import interrupt_afterwards
+
+__all__: list[str] = []
+
+
+def main() -> NoReturn:
+    """Import the command line and run it; Ctrl-C during the import ends it in one line, too."""
+    try:
+        with interrupt_afterwards():
+            from perceptree.cli import main as run
+    except KeyboardInterrupt:
+        sys.stderr.write("perceptree: interrupted\n")
+        sys.exit(130)
+    run()
+
 
 if __name__ == "__main__":
     main()

@@ -53,6 +53,15 @@ def file_picture_size(path: Path | str) -> tuple[int, int] | None:
         return None
 
 
+def has_deep_grey(path: Path | str) -> bool:
+    """Whether a picture file has one channel of more than 8 bits, as depth images have."""
+    try:
+        header = picture_header(read_regular(Path(path), most_picture_bytes()))
+    except (OSError, NotOffered):
+        return False
+    return header is not None and header.channels == 1 and header.sample_bytes > 1
+
+
 def checked_header(data: bytes, name: str) -> PictureHeader | None:
     """Read the header of a picture and compare its size with the limit.
 

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any, Final, TextIO, cast
 
 import typer
@@ -46,26 +47,42 @@ TALK: Final = Talk()
 """How much this process says."""
 
 
-def note(text: str) -> None:
+def note(text: str, *, whole: bool = False) -> None:
     """Print one line of at most 2000 characters on stderr, if it can be written.
 
-    A quiet program leaves it out.
+    A quiet program leaves it out. A terminal shows it in several lines, broken between words,
+    where it is too narrow.
+
+    Args:
+        text: The line.
+        whole: Whether it is never broken, such as a command to copy.
     """
-    _print(short_line(text), shown=not TALK.quiet)
+    _print(short_line(text), shown=not TALK.quiet, whole=whole)
 
 
-def complain(text: str) -> None:
+def complain(text: str, *, whole: bool = False) -> None:
     """Print what went wrong, as `note` does; a quiet program prints it, too."""
-    _print(short_line(text), shown=True)
+    _print(short_line(text), shown=True, whole=whole)
 
 
-def _print(line: str, *, shown: bool) -> None:
+def _print(line: str, *, shown: bool, whole: bool) -> None:
     if TALK.log is not None:
         TALK.log(line)
     if shown:
         with suppress(OSError):
             StatusLine.erase()
-            typer.echo(line, err=True)
+            typer.echo(line if whole else _broken(line), err=True)
+
+
+def _broken(line: str) -> str:
+    """The line in lines that a terminal has place for; as it is where there is no terminal."""
+    width = shutil.get_terminal_size().columns
+    if not sys.stderr.isatty() or len(line) <= width:
+        return line
+    lines = wrap(
+        line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(lines)
 
 
 def tell(text: object) -> None:

@@ -200,7 +200,7 @@ def _one_line(error: Exception) -> str:
 def _show_bug(*raised: Any) -> None:
     """Print the traceback of an error."""
     for line in "".join(traceback.format_exception(*raised)).splitlines():
-        complain(line)
+        complain(line, whole=True)
 
 
 def _fault(stream: TextIO) -> OSError | None:

@@ -127,9 +127,11 @@ def values_to_metres(values: NDArray[Any], scale_m: float | None, name: str) -> 
         values = values[..., 0]
     kind = values.dtype.kind
     if values.ndim != 2 or values.size == 0 or kind not in "iuf":
+        is_colour = values.ndim == 3 and values.dtype == np.uint8
         raise DepthError(
             f"{name} has shape {values.shape} of {values.dtype}: expected (H, W) of integers in"
             " steps of a scale, by default 0.001 m, or of floating point in metres"
+            + ("; are picture and depth swapped?" if is_colour else "")
         )
     if kind == "f":
         return _float_metres(values, scale_m, name)

@@ -113,7 +113,10 @@ def calibrate(
     left_out.check_none(outcome.sightings.pictures)
     scale = written["depth_scale_file"]
     scale_option = "" if scale is None else f" --depth-scale {quoted(scale)}"
-    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{scale_option}")
+    note(
+        f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{scale_option}",
+        whole=True,
+    )
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -87,8 +88,10 @@ def check(
     for path in written:
         note(f"written: {path}")
     if out is None:
-        note(f"next: edgetree check {quoted(measured)} {quoted(caliper)} --out check")
-    reasons = "; ".join(result.verdict.reasons)
+        note(f"next: edgetree check {quoted(measured)} {quoted(caliper)} --out check", whole=True)
+    # A terminal shows the reasons just above.
+    is_seen = not as_json and sys.stdout.isatty()
+    reasons = "see above" if is_seen else "; ".join(result.verdict.reasons)
     if result.verdict.outcome == "failed":
         raise CheckFailed(f"{measured}: the check failed: {reasons}")
     if result.verdict.outcome == "undecided":

@@ -79,7 +79,10 @@ def make(
         note("no tree covers another: this kit does not test how programs leave such trees out")
     if kit.weight_bits == 8:
         note("weights of 8 bits: x86 processors without VNNI find other trees with this model")
-    note(f"next: a program that writes RESULTS.json; edgetree conformance check {out} RESULTS.json")
+    note(
+        f"next: a program that writes RESULTS.json; edgetree conformance check {out} RESULTS.json",
+        whole=True,
+    )
 
 
 @conformance.command(epilog="edgetree conformance run kit --out results.json")
@@ -96,7 +99,7 @@ def run(
 
     results = run_kit(kit, provider=provider, threads=threads, rounds=rounds)
     write_results(out, results)
-    note(f"next: edgetree conformance check {kit} {out}")
+    note(f"next: edgetree conformance check {kit} {out}", whole=True)
 
 
 @conformance.command(epilog="edgetree conformance check kit results.json")

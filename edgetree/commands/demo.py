@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -15,6 +15,8 @@ from basetree.counts import counted
 from basetree.program.console import StatusLine, note, print_json, tell
 from basetree.program.progress import duration
 from edgetree.commands.options import Json
+
+_DONE: Final = "done"
 
 if TYPE_CHECKING:
     from edgetree.demo import DemoResult, NextCommand, Progress
@@ -76,15 +78,15 @@ def _progress() -> Iterator[Progress]:
 
     def tell(share: float, what: str) -> None:
         nonlocal said
-        if what != said and not sys.stderr.isatty():
+        if what != said and what != _DONE and not sys.stderr.isatty():
             note(f"{share:4.0%}  {what}")
         said = what
         taken_s = time.monotonic() - start_s
         left = f", {duration(taken_s * (1 - share) / share)} left" if share > 0 else ""
-        line.show(lambda: f"{share:4.0%}  {what}{left}", last=share >= 1)
+        line.show(lambda: f"{share:4.0%}  {what}{left}", last=what == _DONE)
 
     yield tell
-    tell(1.0, "done")
+    tell(1.0, _DONE)
 
 
 def _summary(result: DemoResult) -> Iterator[str]:

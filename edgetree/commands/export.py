@@ -61,7 +61,7 @@ def _tell(report: ExportReport, as_json: bool) -> None:
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
-    note(f"next: edgetree bench {quoted(report.path)}")
+    note(f"next: edgetree bench {quoted(report.path)}", whole=True)
 
 
 def check_inputs(checkpoint: Path, *folders: Path) -> None:

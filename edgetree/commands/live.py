@@ -204,12 +204,20 @@ def live(
                 else different_words(found)
             )
         note(model_words(detector, model_path))
+        _tell_files(outputs)
     guarded.check()
     check_complete(shown, pipeline.status.remarks)
 
 
 live_command = with_talk_options(live)
 """The command with all the options that it has on the command line, for its set-up file."""
+
+
+def _tell_files(outputs: LiveOutputs) -> None:
+    """Say where the results are."""
+    for option, path in outputs.paths.items():
+        if path.exists():
+            note(f"{'table' if option == '--csv' else option.removeprefix('--')}: {path}")
 
 
 def checked_set_up(

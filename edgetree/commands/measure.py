@@ -129,7 +129,13 @@ class _Inputs:
                 " --camera-height or --marker"
             )
         if camera is None and not without_depth:
-            raise InputError("--camera is missing: expected the camera file of the image")
+            also = (
+                ""
+                if has_depth
+                else "; and --depth unless the image holds depth, or without depth"
+                " --camera-height, --marker or --scale-bar"
+            )
+            raise InputError(f"--camera is missing: expected the camera file of the image{also}")
         out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
             suffixes = ", ".join(PICTURE_SUFFIXES)
@@ -301,12 +307,12 @@ def measure(
     options = f"{quoted(image)}{rig_options.words(depth, camera)}{_words(inputs)}"
     stem = quoted(image.stem)
     if outputs.out is None:
-        note(f"next: edgetree measure {options} --out {stem}_trees.jpg")
+        note(f"next: edgetree measure {options} --out {stem}_trees.jpg", whole=True)
     elif outputs.csv is None:
-        note(f"next: edgetree measure {options} --csv {stem}_trees.csv")
+        note(f"next: edgetree measure {options} --csv {stem}_trees.csv", whole=True)
     else:
         options = f"{rig_options.words(None, camera)}{_words(inputs, kind_only=True)}"
-        note(f"next: edgetree run FRAMES{options} --csv trees.csv")
+        note(f"next: edgetree run FRAMES{options} --csv trees.csv", whole=True)
 
 
 def _record(

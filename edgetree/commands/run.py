@@ -173,9 +173,9 @@ def run(
     images = inputs.depth if takes_depth else one
     typed = " ".join(map(quoted, sources.typed))
     if (further := outputs.further(one)) is not None:
-        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}")
+        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}", whole=True)
     elif one is not None and (are_files or is_picture(one)):
-        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
+        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}", whole=True)
 
 
 def _write_all(

@@ -54,7 +54,8 @@ def check_options(
         if outputs.map and not (shards.are_given or is_stream(source)):
             raise InputError(
                 f"source {source} has no poses: expected a recording or a drive with poses, as"
-                " --map is given; `edgetree live` follows stems without them"
+                " --map is given; `edgetree live` follows stems without them, with depth or"
+                " --camera-height"
             )
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")

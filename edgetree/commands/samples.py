@@ -19,5 +19,5 @@ def samples(
     write_samples(out)
     note("try:")
     for command in commands_for(out):
-        note(f"  {command}")
+        note(f"  {command}", whole=True)
     tell(out)

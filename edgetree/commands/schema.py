@@ -26,6 +26,6 @@ def schema(name: _Name = None) -> None:
     if name is None:
         for each in schema_names():
             tell(each)
-        note("next: edgetree schema edgetree.frame/1 > frame.schema.json")
+        note("next: edgetree schema edgetree.frame/1 > frame.schema.json", whole=True)
         return
     tell(json.dumps(json_schema(name), indent=2))

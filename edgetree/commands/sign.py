@@ -85,7 +85,7 @@ def _make_key(path: Path, encrypt: bool) -> None:
     tell(f"private key  {path}  (keep it with the signer)")
     tell(f"public key   {public}  (for the machines)")
     tell(f"key id       {identity}")
-    note(f"next: edgetree sign MODEL --key {path}")
+    note(f"next: edgetree sign MODEL --key {path}", whole=True)
 
 
 def _sign(

@@ -35,4 +35,4 @@ def verify(
     for line in report.parity.table().splitlines():
         tell(line)
     tell(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
-    note(f"next: edgetree bench {quoted(file)}")
+    note(f"next: edgetree bench {quoted(file)}", whole=True)

@@ -315,4 +315,9 @@ def _needed(frame: Frame, camera: PinholeCamera | None, ways: list[Way]) -> str 
     other = "or without depth --camera-height or --marker"
     if frame.number is not None:
         return f"need depth with each frame; {other}"
+    if frame.time_s is not None:
+        return (
+            "need depth, and a video has none: expected a recording with depth, or the video of a"
+            f" right camera (--right); {other}"
+        )
     return f"need depth: pass --depth{' and --camera' if camera is None else ''}; {other}"

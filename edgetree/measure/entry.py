@@ -35,6 +35,10 @@ from edgetree.measure.views import View, stem_views
 # camera to machine axes: cameras are not upside down and do not look at the sky.
 _MAX_DOWN, _MAX_FORWARD = 0.5, 0.9
 
+# No stem is measured from a kilometre away, and no camera's picture has its middle nearer than the
+# metre that this is in millimetres.
+_FARTHEST_MEDIAN_M, _SAMPLED_ROWS = 1000.0, 8
+
 
 def measure_trees(
     detections: TreeDetections,
@@ -76,7 +80,8 @@ def measure_trees(
 
     Raises:
         InputError: Depth, camera or masks are for another image size, the depth does not have a
-            float dtype, or the vertical is not a valid direction.
+            float dtype or looks like millimetres, the camera is not one, or the vertical is not a
+            valid direction.
 
     Examples:
         >>> from edgetree import TreeDetector, default_model, sample_frames
@@ -328,6 +333,19 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
         raise InputError(
             f"the depth map holds {depth_m.dtype}: expected float metres (16-bit millimetres are"
             " read with calib.read_depth)"
+        )
+    readings = depth_m[::_SAMPLED_ROWS, ::_SAMPLED_ROWS]
+    readings = readings[np.isfinite(readings) & (readings > 0)]
+    median_m = float(np.median(readings)) if readings.size else 0.0
+    if median_m > _FARTHEST_MEDIAN_M:
+        raise InputError(
+            f"the depth map has a median of {median_m:g} m: expected metres; this looks like"
+            " millimetres, which become metres by `depth / 1000`"
+        )
+    if not isinstance(camera, PinholeCamera):
+        raise InputError(
+            f"the camera is {type(camera).__name__}: expected a PinholeCamera, as"
+            " calib.load_camera reads it"
         )
     if (camera.width, camera.height) != expected:
         raise InputError(

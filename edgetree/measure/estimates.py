@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from basetree.arrays import Float
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.normal import NORMAL_975
 from edgetree.measure.profile import StemProfile
@@ -272,6 +273,16 @@ class TreeMeasurement:
     axis: StemAxis | Failure = Failure("the axis is not measured")
     evidence: Evidence = Evidence()
     rig_std: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        named = ("diameter", self.diameter_m), ("DBH", self.dbh_m), ("distance", self.distance_m)
+        words = [
+            f"{name} {found.value:.3f} ± {found.std:.3f} m" if found else f"no {name}"
+            for name, found in named
+        ]
+        warnings = len(self.evidence.warnings)
+        told = f", {counted(warnings, 'warning')}" if warnings else ""
+        return f"<TreeMeasurement: {', '.join(words)}{told}>"
 
     @classmethod
     def failed(cls, reason: str) -> TreeMeasurement:

@@ -32,7 +32,8 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
             has negative depths or such as look like millimetres.
     """
     if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):
-        raise InputError(f"{name} is a {type(image).__name__}: expected a plain numpy array")
+        why = "; cv2.imread gives None for a file that it cannot read" if image is None else ""
+        raise InputError(f"{name} is a {type(image).__name__}: expected a plain numpy array{why}")
     found = f"{image.dtype} {image.shape}"
     if manifest.modality == "rgb":
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:

@@ -86,10 +86,23 @@ def depth_names(
         raise InputError(
             f"depth image {depth_folder}/{expected[0]} does not exist, nor with"
             f" {', '.join(suffixes[1:])}: expected one for image {folder}/{images[0].name}"
+            f"{_held(images, present, suffixes)}"
         )
     pairs = list(zip(found, expected, strict=True))
     missing = frozenset(name for depth, name in pairs if depth is None)
     return DepthNames([depth or name for depth, name in pairs], missing, remark)
+
+
+def _held(images: Sequence[PurePath], present: Collection[str], suffixes: Sequence[str]) -> str:
+    """What the depth's folder holds in place of depth files of these images, for a message."""
+    names = sorted(name for name in present if not name.startswith("."))
+    if not names:
+        return "; the folder is empty"
+    stems = {image.stem for image in images}
+    same = [name for name in names if PurePosixPath(name).stem in stems]
+    if same and _rank(same[0], suffixes)[0] == len(suffixes):
+        return f"; it holds {same[0]}, which is no depth image: are images and depth swapped?"
+    return f"; it holds {names[0]}" + (f" to {names[-1]}" if len(names) > 1 else "")
 
 
 def _rank(name: str, suffixes: Sequence[str]) -> tuple[int, str]:

@@ -31,6 +31,7 @@ from edgetree.sources.depth_pairing import (
     is_depth_name,
 )
 from edgetree.sources.picture_names import (
+    has_named_depth,
     has_suffix,
     heic_words,
     image_suffixes,
@@ -99,7 +100,8 @@ def open_source(
         return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
     if depth is not None or depth_only:
         raise InputError(
-            f"source {path} is not an image: expected an image or a folder, as depth is used"
+            f"source {path} is not an image: expected an image or a folder, as depth is used; depth"
+            " of a video comes from a recording, or from the video of a right camera (--right)"
         )
     return VideoFrames(path, upright)
 
@@ -168,9 +170,15 @@ def has_images(folder: Path) -> bool:
 
 
 def depth_inside(folder: Path) -> Path | None:
-    """The folder of the depth that belongs to the images below a folder; None if there is none."""
-    if not folder.is_dir() or with_files(folder, COLOUR_FOLDERS, image_suffixes()) == folder:
+    """The folder of the depth that belongs to the images of a folder; None if there is none.
+
+    It is one beside that of the images, or the folder itself where names such as `a.jpg` and
+    `a_depth.png` tell both apart.
+    """
+    if not folder.is_dir():
         return None
+    if with_files(folder, COLOUR_FOLDERS, image_suffixes()) == folder:
+        return folder if has_named_depth(folder) else None
     depth = with_files(folder, DEPTH_FOLDERS, DEPTH_SUFFIXES)
     return None if depth == folder else depth
 
@@ -231,14 +239,20 @@ def folder_files(
         InputError: There are no images, or no image has a depth image.
     """
     root, folder = folder, with_files(folder, COLOUR_FOLDERS, image_suffixes())
-    if folder != root and depth is None:
-        depth = depth_inside(root)
+    depth = depth_inside(root) if depth is None else depth
+    if folder != root:
         _log.warning("images of %s with the depth of %s", folder, depth or "no folder")
     suffixes = DEPTH_SUFFIXES if depth_only and depth is None else image_suffixes()
     paths = in_order(path for path in folder.iterdir() if has_suffix(path, suffixes))
     heic = unread_heic(folder)
     if not paths and heic:
         raise InputError(f"folder {folder} has no images but {heic_words(heic)}")
+    if not paths and (colour := [path for path in folder.iterdir() if is_image_name(path)]):
+        raise InputError(
+            f"folder {folder} has no depth images but {counted(len(colour), 'picture')} such as"
+            f" {min(colour).name}: expected {', '.join(suffixes)} for a depth model; pass --depth,"
+            " or take a colour model (--model rgb)"
+        )
     if not paths:
         raise InputError(f"folder {folder} has no images: expected {', '.join(suffixes)}")
     if heic:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from basetree.counts import counted
-from basetree.errors import install_hint
+from basetree.errors import InputError, install_hint
 from basetree.files.headers import heif
-from basetree.files.names import HEIF_SUFFIXES, IMAGE_SUFFIXES
+from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES, IMAGE_SUFFIXES
+from basetree.files.picture_size import has_deep_grey
+from edgetree.sources.depth_pairing import depth_names, is_depth_name
 
 # Not the digits after a decimal point, such as those of time stamps.
 _LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
@@ -29,6 +31,27 @@ def image_suffixes() -> tuple[str, ...]:
 def has_suffix(path: Path, suffixes: Sequence[str]) -> bool:
     """Whether a name ends in one of these suffixes and is not hidden."""
     return path.suffix.lower() in suffixes and not path.name.startswith(".")
+
+
+def has_named_depth(folder: Path) -> bool:
+    """Whether names such as `a.jpg` and `a_depth.png` tell a folder's pictures from their depth.
+
+    At least half of the pictures then have depth.
+    """
+    files = [path for path in folder.iterdir() if path.is_file()]
+    depths = sorted(
+        path for path in files if has_suffix(path, DEPTH_SUFFIXES) and is_depth_name(path.stem)
+    )
+    pictures = [path for path in files if is_image_name(path) and not is_depth_name(path.stem)]
+    if not depths or not pictures:
+        return False
+    try:
+        found = depth_names(pictures, [path.name for path in depths], str(folder), str(folder))
+    except InputError:
+        return False
+    if 2 * len(found.missing) > len(pictures):
+        return False
+    return depths[0].suffix.lower() == ".npy" or has_deep_grey(depths[0])
 
 
 def unread_heic(folder: Path) -> list[str]:

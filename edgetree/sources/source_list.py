@@ -131,7 +131,7 @@ def _picture_folders(folder: Path) -> list[Path]:
     for name, below, _ in os.walk(folder):
         below[:] = sorted(each for each in below if not each.startswith("."))
         here = Path(name)
-        if is_stream(here) or depth_inside(here):
+        if is_stream(here) or depth_inside(here) not in (None, here):
             found.append(here)
             below.clear()
         elif any(map(is_image_name, here.iterdir())):

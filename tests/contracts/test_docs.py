@@ -98,6 +98,9 @@ def frame_folder(tmp_path: Path) -> Path:
     shutil.copy(frame.depth_path, tmp_path / "frame_depth_mm.png")
     camera = {"schema": "calib.camera/1", **frame.camera.to_dict()}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
+    (tmp_path / "samples" / "depth").mkdir(parents=True)
+    shutil.copy(frame.depth_path, tmp_path / "samples" / "depth" / "sample_0.png")
+    shutil.copy(tmp_path / "camera.json", tmp_path / "samples")
     (tmp_path / "spool").mkdir()
     shutil.copy(frame.image_path, tmp_path / "spool" / "frame.jpg")
     shutil.copy(frame.depth_path, tmp_path / "spool" / "frame_depth_mm.png")

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from basetree.errors import one_line, short_line
-from basetree.program.console import BAR_STREAM, LogNotes, note, print_found, tell
+from basetree.program.console import BAR_STREAM, LogNotes, complain, note, print_found, tell
 
 HOSTILE = {
     "line break": "a\nFAKE",
@@ -96,3 +96,19 @@ def test_a_progress_bar_outlives_its_terminal(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(sys, "stderr", Dead())
     assert BAR_STREAM.write("50 %") == 4
     BAR_STREAM.flush()
+
+
+def test_a_narrow_terminal_shows_whole_words(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "24")
+    words = "depth of several stems is missing in a_very_long_name_of_a_file.png"
+    note(words)
+    assert capsys.readouterr().err == f"{words}\n"  # a file or a pipe gets one line
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    complain(words)
+    lines = capsys.readouterr().err.splitlines()
+    assert " ".join(line.strip() for line in lines) == words
+    assert [len(line) <= 24 for line in lines] == [True] * (len(lines) - 1) + [False]
+    note(words, whole=True)
+    assert capsys.readouterr().err == f"{words}\n"

@@ -117,6 +117,16 @@ def test_json_is_one_object_with_the_files(run_cli: Cli, folder: Path) -> None:
     assert rows[0]["dbh_failure"] == "the stem is not seen at breast height"
 
 
+def test_a_terminal_shows_the_reasons_of_the_verdict_once(
+    run_cli: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_tables(folder, 6, factor=1.0)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    done = run_cli(*CHECK)
+    assert "result: undecided: diameter: 6 stems are too few to tell" in done.out
+    assert done.err.splitlines()[-1].endswith("the check is undecided: see above")
+
+
 def test_few_stems_are_undecided_and_without_a_fit(run_cli: Cli, folder: Path) -> None:
     write_tables(folder, 6, factor=1.0)
     done = run_cli(*CHECK, "--out", "out")

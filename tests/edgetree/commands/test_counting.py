@@ -126,3 +126,11 @@ def test_a_model_that_was_asked_for_stays_and_the_other_one_is_named(
     assert "edge-n-depth 0: give --model edge-s-rgb" in done.err
     done = run_cli("run", *hidden_from_depth)
     assert "--model edge-s-rgb is better in 1 of 1 frame tried" in done.err
+
+
+def test_a_video_is_not_told_to_pass_depth_images(run_cli: Cli, video: Path) -> None:
+    done = run_cli("run", video)
+    assert "metres need depth, and a video has none: expected a recording with depth" in done.err
+    assert "--depth" not in done.err
+    refused = run_cli("run", video, "--map", "stems.geojson")
+    assert "follows stems without them, with depth or --camera-height" in refused.err

@@ -52,6 +52,7 @@ def test_results_go_to_files(run_cli: Cli, source: tuple[object, ...], tmp_path:
     lines, table, stems = (tmp_path / name for name in ("a.jsonl", "a.csv", "a.geojson"))
     done = run_cli("live", *source, "--jsonl", lines, "--csv", table, "--map", stems)
     assert (done.code, done.out) == (0, "")
+    assert {f"jsonl: {lines}", f"table: {table}", f"map: {stems}"} <= {*done.err.splitlines()}
     assert len(lines.read_text().splitlines()) == 2
     assert table.read_text().startswith("frame,")
     assert json.loads(stems.read_text())["type"] == "FeatureCollection"

@@ -207,6 +207,10 @@ BAD_INPUTS = {
         "images/a.jpg --depth depth/a.png",
         "--camera is missing: expected the camera file",
     ),
+    "neither depth nor camera": (
+        "images/a.jpg",
+        "--camera is missing: expected .*; and --depth unless the image holds depth, or without",
+    ),
     "no depth": ("images/a.jpg --camera camera.json", "--depth is missing: expected the depth"),
     "a folder": (
         "images --depth depth --camera camera.json",

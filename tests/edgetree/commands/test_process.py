@@ -49,3 +49,26 @@ def test_a_signal_during_an_import_ends_the_command_after_it(
     )
     assert (done.returncode, done.stderr) == (code, "edgetree: interrupted\n")
     assert whole.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals to send")
+@pytest.mark.parametrize("name", ["edgetree", "perceptree"])
+def test_an_interrupt_while_the_command_line_is_imported_is_one_line(
+    tmp_path: Path, name: str
+) -> None:
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    code += f"from {name}.__main__ import main; main()"
+    (tmp_path / "typer.py").write_text(
+        "import signal, sys\nsignal.raise_signal(signal.SIGINT)"
+        f"\nsys.path.remove({str(tmp_path)!r})"
+        "\ndel sys.modules['typer']\nimport typer"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stderr) == (130, f"{name}: interrupted\n")

@@ -42,6 +42,10 @@ def test_the_json_names_an_existing_report(demo_json: tuple[dict, Path, str]) ->
     assert (folder / data["report"]).read_text("utf-8").count("data:image/jpeg") == 12
 
 
+def test_the_end_is_told_at_most_once(demo_json: tuple[dict, Path, str]) -> None:
+    assert demo_json[2].count("done") <= 1
+
+
 def test_the_packaged_models_find_and_measure_most_sample_trees(
     demo_json: tuple[dict, Path, str],
 ) -> None:

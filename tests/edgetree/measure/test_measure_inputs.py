@@ -8,7 +8,7 @@ import pytest
 
 from calib import PinholeCamera
 from edgetree import InputError
-from edgetree.measure import MeasureSettings, measure_trees
+from edgetree.measure import MeasureSettings, TreeMeasurement, measure_trees
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,25 @@ def test_depth_in_millimetres(stand, dtype):
         f"the depth map holds {np.dtype(dtype)}: expected float metres (16-bit millimetres are"
         " read with calib.read_depth)"
     )
+
+
+def test_floating_point_millimetres(stand):
+    with pytest.raises(InputError, match=r"median of .* this looks like millimetres"):
+        stand.measure(depth_m=1000 * stand.depth_m)
+
+
+def test_a_camera_that_is_the_name_of_its_file(stand):
+    with pytest.raises(
+        InputError, match=r"camera is str: expected a PinholeCamera, as calib\.load"
+    ):
+        measure_trees(stand.detections(), stand.depth_m, "camera.json")
+
+
+def test_a_measurement_prints_in_one_line(stand):
+    tree = stand.measure()
+    assert repr(tree).startswith(f"<TreeMeasurement: diameter {tree.diameter_m.value:.3f} ± ")
+    failed = repr(TreeMeasurement.failed("no depth on the stem"))
+    assert failed == "<TreeMeasurement: no diameter, no DBH, no distance>"
 
 
 def test_depth_of_double_precision_is_depth(stand):

@@ -149,3 +149,12 @@ def test_one_unusable_depth_image_is_left_out(
     assert run_cli("live", *given).err.count("1 left out: unreadable images") == 1
     (depth / "a.png").unlink()
     assert run_cli("run", *given).code == 2
+
+
+def test_a_folder_without_the_depth_says_what_it_holds() -> None:
+    with pytest.raises(InputError, match=r"holds a\.jpg, which is no depth image: .*swapped\?$"):
+        depth_names([PurePath("a.png")], ["a.jpg", "b.jpg"], "depth", "rgb")
+    with pytest.raises(InputError, match=r"; it holds 000000\.png to 000019\.png$"):
+        depth_names([PurePath("a.jpg")], ["000019.png", "000000.png"], "rgb", "depth")
+    with pytest.raises(InputError, match=r"the folder is empty$"):
+        depth_names([PurePath("a.jpg")], [], "rgb", "depth")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from edgetree.catalogue import DEFAULTS
 from edgetree.samples import sample_frames
-from edgetree.sources import model_for
+from edgetree.sources import model_for, open_source
 
 DRIVE = Path(__file__).parents[3] / "edgetree/assets/drive"
 
@@ -26,7 +27,7 @@ DRIVE = Path(__file__).parents[3] / "edgetree/assets/drive"
         ("orbbec", "depth"),
         (DRIVE, "depth"),
         (sample_frames()[0].image_path, "rgb"),
-        (sample_frames()[0].image_path.parent, "rgb"),
+        (sample_frames()[0].image_path.parent, "depth"),
     ],
 )
 def test_the_model_is_for_what_the_source_has(source: Path | str, modality: str) -> None:
@@ -45,3 +46,38 @@ def test_depth_beside_a_picture_and_depth_alone_are_for_the_depth_model(tmp_path
     (tmp_path / "depth/a.png").write_bytes(sample.depth_path.read_bytes())
     (tmp_path / "a.npy").unlink()
     assert model_for(tmp_path) == DEFAULTS["depth"]
+
+
+def _folder(folder: Path, *names: str) -> Path:
+    """Pictures and depth images; those named `grey` have 8 bits."""
+    folder.mkdir()
+    grey = np.full((48, 64), 200, np.uint8)
+    for name in names:
+        is_deep = "_depth" in name and "grey" not in name
+        assert cv2.imwrite(str(folder / name), grey.astype(np.uint16) * 20 if is_deep else grey)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "modality"),
+    [
+        (("a.jpg", "a_depth.png", "b.jpg", "b_depth.png", "c.jpg"), "depth"),
+        (("grey.jpg", "grey_depth.png"), "rgb"),
+        (("a.jpg", "b_depth.png"), "rgb"),
+        (("a.jpg", "b.jpg", "c.jpg", "a_depth.png"), "rgb"),
+        (("a_depth.png", "b_depth.png"), "rgb"),
+    ],
+)
+def test_a_folder_of_pictures_and_their_depth_is_sorted_out_by_names(
+    tmp_path: Path, names: tuple[str, ...], modality: str
+) -> None:
+    assert model_for(_folder(tmp_path / "mixed", *names)) == DEFAULTS[modality]
+
+
+@pytest.mark.parametrize("depth_only", [False, True])
+def test_each_picture_of_a_sorted_folder_has_its_depth(tmp_path: Path, depth_only: bool) -> None:
+    folder = _folder(tmp_path / "mixed", "a.jpg", "a_depth.png", "b.jpg", "b_depth.png")
+    frames = list(open_source(folder, depth_only=depth_only))
+    assert [frame.name for frame in frames] == ["a", "b"]
+    assert all(frame.depth_m is not None and frame.depth_m[0, 0] == 4.0 for frame in frames)
+    assert all(frame.image is not None for frame in frames)

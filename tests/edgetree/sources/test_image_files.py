@@ -269,3 +269,17 @@ def _write_heic(path: Path, orientation: int) -> NDArray[np.uint8]:
     exif.get_ifd(34665)[41989] = 26
     Image.fromarray(stored[..., ::-1]).save(path, "HEIF", exif=exif.tobytes(), quality=95)
     return stored
+
+
+def test_pictures_for_a_depth_model_are_named(tmp_path: Path) -> None:
+    _write(tmp_path / "a.jpg")
+    with pytest.raises(
+        InputError, match=r"no depth images but 1 picture such as a\.jpg: .*--depth"
+    ):
+        open_source(tmp_path, depth_only=True)
+
+
+def test_a_picture_as_depth_may_be_swapped(tmp_path: Path) -> None:
+    picture = _write(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"uint8: expected .*are picture and depth swapped\?"):
+        list(open_source(picture, _write(tmp_path / "b.png")))

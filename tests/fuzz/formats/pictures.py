@@ -11,7 +11,7 @@ import numpy as np
 
 import calib
 from basetree.files import check_picture_size
-from basetree.files.picture_size import file_picture_size
+from basetree.files.picture_size import file_picture_size, has_deep_grey
 from basetree.files.reading import is_image_file, orientation_note, read_picture
 from edgetree.frames.images import read_colour, read_masks
 from formats.form import Format
@@ -89,6 +89,7 @@ def _read_everything(path: Path) -> object:
     orientation_note(path)
     check_picture_size(path)
     file_picture_size(path)
+    has_deep_grey(path)
     picture = read_picture(path, cv2.IMREAD_UNCHANGED)
     return None if picture is None else picture.upright()
 

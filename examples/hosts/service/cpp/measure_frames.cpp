@@ -40,8 +40,10 @@ void print_trees(const std::string& name, const std::string& answer) {
 }
 
 int run(const std::string& address, const std::string& folder) {
-    edgetree::Client client(address, 60000);
     std::ifstream list(folder + "/frames.txt");
+    if (!list) throw std::runtime_error("cannot read " + folder + "/frames.txt");
+    edgetree::Client client(address, 60000);
+    std::cerr << "waiting for the service at " << address << "\n";
     std::string name;
     int count = 0;
     while (list >> name) {
