@@ -1,4 +1,4 @@
-"""Extension of griffe: the reference shows a dataclass field's default, not the call that holds it."""
+"""An extension of griffe: the reference shows the default of a dataclass field, not its call."""
 
 from __future__ import annotations
 
