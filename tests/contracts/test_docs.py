@@ -47,7 +47,7 @@ def examples(language: str) -> Iterator[tuple[str, str]]:
 def typed_commands(block: str) -> Iterator[list[str]]:
     """The words of every call of one of the programs, also by the path of an environment."""
     for part in re.split(r"\n|&&", block.replace("\\\n", " ")):
-        words = shlex.split(part, comments=True)
+        words = shlex.split(part.partition(" > ")[0], comments=True)
         if words and Path(words[0]).name in PROGRAMS:
             yield [Path(words[0]).name, *words[1:]]
 
@@ -78,7 +78,11 @@ def test_there_are_examples() -> None:
 @pytest.mark.parametrize(
     ("page", "words"), COMMANDS, ids=[f"{page}: {' '.join(words)}" for page, words in COMMANDS]
 )
-def test_a_command_exists_with_its_options(page: str, words: list[str]) -> None:
+def test_a_command_exists_with_its_options(
+    page: str, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(ROOT / "deploy" / "edgetree.toml", tmp_path)  # the file of `--config edgetree.toml`
+    monkeypatch.chdir(tmp_path)
     check_command(words)
 
 
