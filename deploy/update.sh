@@ -3,8 +3,9 @@
 #
 #   sudo deploy/update.sh BUNDLE
 #
-# BUNDLE is a folder with wheels/ and runtime.txt, and sign.txt if models are signed. The version that
-# ran before is kept for roll_back.sh, and is taken again if the service does not run with the new one.
+# BUNDLE is a folder with wheels/ and runtime.txt, sign.txt if models are signed, and extras.txt if the
+# set-up needs other packages. The version that ran before is kept for roll_back.sh, and is taken again
+# if the service does not run with the new one.
 set -eu
 . "$(dirname "$0")/links.sh"
 
@@ -20,7 +21,7 @@ stays="${before:-no version} stays in use"
 if [ ! -e "$root/$version/complete" ]; then
     rm -rf "${root:?}/$version" # what an interrupted update left
     python3 -m venv "$root/$version" || fail "python3 makes no environment: expected the package python3-venv"
-    for list in runtime sign; do
+    for list in runtime sign extras; do
         [ ! -e "$bundle/$list.txt" ] ||
             "$root/$version/bin/pip" install --no-index --find-links "$bundle/wheels" -r "$bundle/$list.txt" ||
             fail "$list.txt cannot be installed: expected wheels for $(uname -m) and $(python3 --version); $stays"

@@ -80,7 +80,11 @@ def test_there_are_examples() -> None:
 @pytest.mark.parametrize(
     ("page", "words"), COMMANDS, ids=[f"{page}: {' '.join(words)}" for page, words in COMMANDS]
 )
-def test_a_command_exists_with_its_options(page: str, words: list[str]) -> None:
+def test_a_command_exists_with_its_options(
+    page: str, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(ROOT / "deploy" / "edgetree.toml", tmp_path)  # the file of `--config edgetree.toml`
+    monkeypatch.chdir(tmp_path)
     check_command(words)
 
 

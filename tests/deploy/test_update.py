@@ -22,6 +22,7 @@ mkdir -p "$3/bin"
 cat > "$3/bin/pip" << 'END'
 #!/bin/sh
 for last; do :; done
+basename "$last" >> "$(dirname "$0")/installed"
 case "$last" in
 *.whl)
     version=$(basename "$last" | cut -d- -f2)
@@ -207,6 +208,14 @@ def test_what_an_interrupted_update_left_is_made_anew(tmp_path: Path, machine: P
     assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
     assert not (machine / "0.2.0" / "bin" / "half").exists()
     assert do("update.sh", tmp_path)[0] == 2
+
+
+def test_the_lists_that_a_bundle_holds_are_installed(tmp_path: Path, machine: Path) -> None:
+    folder = bundle(tmp_path, "0.2.0")
+    (folder / "extras.txt").touch()
+    assert do("update.sh", folder)[0] == 0
+    installed = (machine / "0.2.0" / "bin" / "installed").read_text().split()
+    assert installed == ["runtime.txt", "extras.txt", "edgetree-0.2.0-py3-none-any.whl"]
 
 
 def test_models_are_changed_and_taken_back_with_signatures(tmp_path: Path, machine: Path) -> None:
