@@ -261,6 +261,7 @@ class FittedFrame:
         return read_diameters(
             stems,
             self.widths,
+            self.observed.edges,
             height_scale(stems, cuts, grounds),
             shared_std=np.linalg.norm(shared, axis=0),
             shape_std=BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,

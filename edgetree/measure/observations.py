@@ -150,8 +150,7 @@ def _sample_depth(
         depth_m = np.where(beams.enough[:, None, None], depth_m, 0.0)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
-    beams_px = None if beams is None else beams.xy_px
-    own = own_readings(frame, regions, edges_px, depth_m, on_stem, beams_px)
+    own = own_readings(frame, regions, edges_px, depth_m, on_stem, xy_px)
     depth_m = own.depth_m
     count = len(position)
     spacing = np.stack(

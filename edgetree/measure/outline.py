@@ -28,6 +28,8 @@ from edgetree.measure.surface_ends import surface_ends
 
 # An object in front of a stem is searched for this far from the stem's edge, in half widths or px.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
+# A side with fewer edges than this has none.
+_MIN_EDGES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,9 @@ class Outline:
     def without_occluded_edges(self, frame: DepthFrame, depth_m: Float) -> Outline:
         """The outline without edges beside which something nearer may hide the stem's edge.
 
+        Where nothing is read beside an edge, it is hidden if the next ones above and below are. A
+        side of which hardly an edge is left has none.
+
         Args:
             frame: Depth and settings.
             depth_m: (T,) depth of the stems.
@@ -86,8 +91,22 @@ class Outline:
         outwards_px = OUTWARDS * step_px
         beside = np.stack([self.edges_px + times * outwards_px for times in (1, 2)], -1)
         depth = frame.depth_at(regions.points(beside))
+        read = (depth > 0).any(-1)
         hidden = ((depth > 0) & (depth < nearer)).any(-1)
-        return replace(self, valid=self.valid & ~hidden)
+        # Missing readings tell nothing: those at the next stations do.
+        hidden |= ~read & _between(hidden, read)
+        valid = self.valid & ~hidden
+        return replace(self, valid=valid & (valid.sum(2, keepdims=True) >= _MIN_EDGES))
+
+
+def _between(flags: Bool, known: Bool) -> Bool:
+    """(2, T, S) whether flags (2, T, S) are set at the nearest known stations on both sides."""
+    station = np.arange(known.shape[-1])
+    before = np.maximum.accumulate(np.where(known, station, -1), -1)
+    after = np.minimum.accumulate(np.where(known, station, station[-1] + 1)[..., ::-1], -1)
+    ended = np.pad(flags, ((0, 0), (0, 0), (1, 1)))
+    sides = [np.take_along_axis(ended, side + 1, -1) for side in (before, after[..., ::-1])]
+    return np.asarray(sides[0] & sides[1])
 
 
 def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoints) -> Outline:

@@ -166,8 +166,13 @@ class StemEdges:
             section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
         """
         bearing, slope = axes.bearing_and_slope(self.sides)
-        narrowing = np.cos((bearing[1] - bearing[0]) / 2)
-        height_ratio = slope.mean(0) * narrowing - section_height_ratio[:, None]
+        # A station of which one edge shows has the height of that edge.
+        both, shown = self.valid.all(0), self.valid.sum(0)
+        slope = np.where(self.valid | (shown == 0), slope, 0.0).sum(0) / np.where(shown, shown, 2)
+        narrowing = np.where(both, np.cos((bearing[1] - bearing[0]) / 2), 1.0)
+        usual = (np.where(both, narrowing, 0.0).sum(1) / np.maximum(both.sum(1), 1))[:, None]
+        narrowing = np.where(both | ~both.any(1, keepdims=True), narrowing, usual)
+        height_ratio = slope * narrowing - section_height_ratio[:, None]
         return MaskWidths(
             height_m=height_ratio * self.distance_m[:, None],
             bearing_rad=np.where(self.valid, bearing, 0.0),
