@@ -22,17 +22,6 @@ def measured(stand, depth_m, masks, keypoints=True):
     )
 
 
-def test_depth_that_grows_from_a_nearer_stem_is_not_that_of_the_one_behind(scene, pole):
-    """Six pixels of a stem 8 m ahead show beside one 3 m ahead, and have its depth."""
-    stand = scene(pole(0.3, 0.0, 3.0), pole(0.3, 0.305, 8.0))
-    near, shown = stand.masks()
-    depth_m = np.where(shown, 2.85, stand.depth_m).astype(np.float32)
-    before, behind = measured(stand, depth_m, [near, shown])
-    assert before.diameter_m.value == pytest.approx(0.3, rel=0.05)
-    assert isinstance(behind.distance_m, Failure)
-    assert behind.distance_m.reason.startswith("no depth on the stem")
-
-
 def test_stems_that_touch_at_the_same_distance_keep_their_depth(scene, pole):
     stand = scene(pole(0.3, -0.15, 4.0), pole(0.3, 0.15, 4.0))
     for tree in measured(stand, stand.depth_m, stand.masks()):
