@@ -1,4 +1,4 @@
-"""Stems behind a nearer stem, stations that show one edge, and masks that widen above."""
+"""Stems behind a nearer stem, and stations that show one edge."""
 
 from dataclasses import replace
 
@@ -27,6 +27,28 @@ def test_stems_that_touch_at_the_same_distance_keep_their_depth(scene, pole):
     for tree in measured(stand, stand.depth_m, stand.masks()):
         assert tree.diameter_m.value == pytest.approx(0.3, rel=0.05)
         assert tree.distance_m
+
+
+def test_depth_that_grows_from_a_nearer_stem_is_not_that_of_the_one_behind(scene, pole):
+    """Most of what shows of the one behind has the depth of the nearer one, but not all."""
+    stand = scene(pole(0.3, 0.0, 3.0), pole(0.4, 0.42, 8.0))
+    near, shown = stand.masks()
+    grown = cv2.dilate(near.astype(np.uint8), np.ones((1, 13), np.uint8)).astype(bool) & shown
+    depth_m = np.where(grown, 2.85, stand.depth_m).astype(np.float32)
+    before, behind = measured(stand, depth_m, [near, shown])
+    assert before.diameter_m.value == pytest.approx(0.3, rel=0.05)
+    assert behind.axis_distance_m.value == pytest.approx(8.0, rel=0.05)
+    assert behind.diameter_m.value == pytest.approx(0.4, rel=0.05)
+
+
+def test_depth_of_which_hardly_any_agrees_is_not_that_of_a_stem(scene, pole):
+    """As between a near stem and the background, where stereo cameras mix both."""
+    stand = scene(pole(0.3, 0.0, 6.0))
+    mask = stand.masks()[0]
+    mixed_m = 1 / np.random.default_rng(3).uniform(1 / 9, 1 / 2, mask.shape)
+    depth_m = np.where(mask, mixed_m, stand.depth_m).astype(np.float32)
+    tree = measured(stand, depth_m, [mask])[0]
+    assert "does not agree with itself" in tree.distance_m.reason
 
 
 def test_an_edge_behind_a_nearer_stem_is_hidden_where_nothing_is_read_too(scene, pole):
@@ -66,12 +88,3 @@ def _left_hidden(stand):
         cover[row] = (columns < centre - 5) & (columns > centre - 80)
     depth_m = np.where(cover, 1.0, stand.depth_m).astype(np.float32)
     return stand, depth_m, [mask & ~cover]
-
-
-@pytest.mark.parametrize(("taper", "doubted"), [(0.02, False), (-0.1, True)])
-def test_diameters_that_grow_upwards_are_in_doubt(scene, pole, taper, doubted):
-    """As those of the arms of a fork, or of a branch in the mask."""
-    stand = scene(pole(0.3, 0.0, 4.0, taper=taper, top_m=3.5))
-    profile = measured(stand, stand.depth_m, stand.masks())[0].profile
-    growth = profile.diameter_std_m[-1] / profile.diameter_std_m.min()
-    assert (growth > 3) == doubted
