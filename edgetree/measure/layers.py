@@ -56,13 +56,15 @@ def goes_on_beside(
     apart = np.maximum(_BESIDE * reach[..., None], reach[..., None] + _MIN_BESIDE_PX)
     xy_px = regions.points(middle[..., None] + OUTWARDS[..., None] * apart)
     on_other = _on_any_stem(frame, xy_px)
-    beside_m = np.where(on_other, 0.0, frame.depth_at(xy_px))
-    padded = np.pad(beside_m, ((0, 0), (0, 0), (1, 1), (0, 0)))
+    read_m = frame.depth_at(xy_px)
     stations = depth_m.shape[1]
-    near = np.concatenate([padded[:, :, first : first + stations] for first in range(3)], -1)
-    within_m = _noise_m(frame, depth_m)
-    alike = np.abs(near[..., None, :] - depth_m[..., None]) < within_m[..., None]
-    share = (alike & (near > 0)[..., None, :]).mean(-1).max(0)
+    beside_m = np.full((*read_m.shape[:2], stations + 2, len(_BESIDE)), np.inf)
+    beside_m[:, :, 1:-1] = np.where(on_other | (read_m == 0), np.inf, read_m)
+    # The places come first, as sums over the first axis are fast.
+    near = np.stack([beside_m[:, :, first : first + stations] for first in range(3)])
+    near = np.moveaxis(near, -1, 1).reshape(-1, *edges_px.shape, 1)
+    alike = np.abs(near - depth_m) < _noise_m(frame, depth_m)
+    share = alike.sum(0).max(0) / len(near)
     return (depth_m > 0) & (share >= BESIDE_SHARE), on_other.any((0, 2, 3))
 
 
@@ -87,9 +89,11 @@ def _grown(frame: DepthFrame, rows: Index, across: Float, xy_px: Float, depth_m:
     beside_px = xy_px + away_px * across[:, None, None]
     own_masks = replace(frame, masks=[frame.masks[row] for row in rows.tolist()])
     own = own_masks.mask_probability(beside_px.swapaxes(0, 1)).swapaxes(0, 1) >= MASK_THRESHOLD
-    other = _on_any_stem(frame, beside_px) & ~own
     alike = np.abs(frame.depth_at(beside_px) - depth_m) < _noise_m(frame, depth_m)
-    return np.asarray((depth_m > 0) & (other & alike).any(0))
+    grown = (depth_m > 0) & alike & ~own
+    # Few places are left to look for other masks at.
+    grown[grown] = frame.on_any_stem(beside_px[grown][None])[0]
+    return np.asarray(grown.any(0))
 
 
 class OwnReadings(NamedTuple):

@@ -94,17 +94,19 @@ class Outline:
         read = (depth > 0).any(-1)
         hidden = ((depth > 0) & (depth < nearer)).any(-1)
         # Missing readings tell nothing: those at the next stations do.
-        hidden |= ~read & _between(hidden, read)
+        rows = hidden.any(-1) & ~read.all(-1)
+        if rows.any():
+            hidden[rows] |= ~read[rows] & _between(hidden[rows], read[rows])
         valid = self.valid & ~hidden
         return replace(self, valid=valid & (valid.sum(2, keepdims=True) >= _MIN_EDGES))
 
 
 def _between(flags: Bool, known: Bool) -> Bool:
-    """(2, T, S) whether flags (2, T, S) are set at the nearest known stations on both sides."""
+    """(N, S) whether flags (N, S) are set at the nearest known stations on both sides."""
     station = np.arange(known.shape[-1])
     before = np.maximum.accumulate(np.where(known, station, -1), -1)
     after = np.minimum.accumulate(np.where(known, station, station[-1] + 1)[..., ::-1], -1)
-    ended = np.pad(flags, ((0, 0), (0, 0), (1, 1)))
+    ended = np.pad(flags, ((0, 0), (1, 1)))
     sides = [np.take_along_axis(ended, side + 1, -1) for side in (before, after[..., ::-1])]
     return np.asarray(sides[0] & sides[1])
 
