@@ -78,8 +78,8 @@ class Outline:
     def without_occluded_edges(self, frame: DepthFrame, depth_m: Float) -> Outline:
         """The outline without edges beside which something nearer may hide the stem's edge.
 
-        Where nothing is read beside an edge, it is hidden if the next ones above and below are. A
-        side of which hardly an edge is left has none.
+        Where nothing is read beside an edge, it is hidden if another stem hides the next ones above
+        and below. A side of which hardly an edge is left has none.
 
         Args:
             frame: Depth and settings.
@@ -90,13 +90,16 @@ class Outline:
         step_px = np.maximum(_BESIDE * regions.half_px, _MIN_BESIDE_PX)[:, None]
         outwards_px = OUTWARDS * step_px
         beside = np.stack([self.edges_px + times * outwards_px for times in (1, 2)], -1)
-        depth = frame.depth_at(regions.points(beside))
-        read = (depth > 0).any(-1)
-        hidden = ((depth > 0) & (depth < nearer)).any(-1)
+        beside_px = regions.points(beside)
+        depth = frame.depth_at(beside_px)
+        read, before = (depth > 0).any(-1), (depth > 0) & (depth < nearer)
+        hidden = before.any(-1)
         # Missing readings tell nothing: those at the next stations do.
-        rows = hidden.any(-1) & ~read.all(-1)
+        before[before] = frame.on_any_stem(beside_px[before][None])[0]
+        by_stem = before.any(-1)
+        rows = by_stem.any(-1) & ~read.all(-1)
         if rows.any():
-            hidden[rows] |= ~read[rows] & _between(hidden[rows], read[rows])
+            hidden[rows] |= ~read[rows] & _between(by_stem[rows], read[rows])
         valid = self.valid & ~hidden
         return replace(self, valid=valid & (valid.sum(2, keepdims=True) >= _MIN_EDGES))
 
