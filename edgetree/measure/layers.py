@@ -65,7 +65,7 @@ def goes_on_beside(
     near = np.moveaxis(near, -1, 1).reshape(-1, *edges_px.shape, 1)
     alike = np.abs(near - depth_m) < _noise_m(frame, depth_m)
     share = alike.sum(0).max(0) / len(near)
-    return (depth_m > 0) & (share >= BESIDE_SHARE), on_other.any((0, 2, 3))
+    return (depth_m > 0) & (share >= BESIDE_SHARE), np.asarray(on_other.any((0, 2, 3)))
 
 
 def _grown(frame: DepthFrame, rows: Index, across: Float, xy_px: Float, depth_m: Float) -> Bool:
@@ -87,7 +87,7 @@ def _grown(frame: DepthFrame, rows: Index, across: Float, xy_px: Float, depth_m:
     """
     away_px = frame.settings.depth_correlation_px * _GROWN[:, None, None, None, None]
     beside_px = xy_px + away_px * across[:, None, None]
-    own_masks = replace(frame, masks=[frame.masks[row] for row in rows.tolist()])
+    own_masks = replace(frame, masks=[(frame.masks or [])[row] for row in rows.tolist()])
     own = own_masks.mask_probability(beside_px.swapaxes(0, 1)).swapaxes(0, 1) >= MASK_THRESHOLD
     alike = np.abs(frame.depth_at(beside_px) - depth_m) < _noise_m(frame, depth_m)
     grown = (depth_m > 0) & alike & ~own

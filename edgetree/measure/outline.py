@@ -93,7 +93,7 @@ class Outline:
         beside_px = regions.points(beside)
         depth = frame.depth_at(beside_px)
         read, before = (depth > 0).any(-1), (depth > 0) & (depth < nearer)
-        hidden = before.any(-1)
+        hidden: Bool = np.asarray(before.any(-1))
         # Missing readings tell nothing: those at the next stations do.
         before[before] = frame.on_any_stem(beside_px[before][None])[0]
         by_stem = before.any(-1)
