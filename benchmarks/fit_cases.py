@@ -19,11 +19,14 @@ from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
 from edgetree.measure import EXACT_RIG, StemProfile, TreeMeasurement, measure_trees
+from edgetree.measure.cut_diameter import SEEN_PART_WARNING
 from perceptree.simulator import PRESETS, generate_dataset
 from perceptree.simulator.scene.description import Tree, describe_scene
 
 _VIEWS = 2
 _SAME_TREE_M = 0.01
+# The axis of a true stem is taken at so many heights.
+_AXIS_POINTS = 100
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,9 @@ class Case:
         value = getattr(tree, quantity)
         if not value:
             return []
+        if quantity == "diameter_m" and SEEN_PART_WARNING in tree.evidence.warnings:
+            # That of another height, which the labels do not hold.
+            return []
         if isinstance(value, StemProfile):
             if value.heights_from != "ground":
                 return []
@@ -177,9 +183,13 @@ class Case:
         if self.camera_world_m is None:
             return None
         tree = self.stems[number]
-        cut_m = tree.point(tree.cut_z_m)
-        along = tree.point(tree.top_z_m / 2) - cut_m
-        across = np.cross(self.camera_world_m - cut_m, along / np.linalg.norm(along))
+        heights_m = np.linspace(tree.cut_z_m, tree.top_z_m, _AXIS_POINTS)
+        axis_m = np.array([tree.point(height_m) for height_m in heights_m.tolist()])
+        nearest = int(np.linalg.norm(axis_m - self.camera_world_m, axis=1).argmin())
+        # Real axes bend: the line is that at the camera's level.
+        low, high = max(nearest - 1, 0), min(nearest + 1, _AXIS_POINTS - 1)
+        along = axis_m[high] - axis_m[low]
+        across = np.cross(self.camera_world_m - axis_m[low], along / np.linalg.norm(along))
         return float(np.linalg.norm(across))
 
 

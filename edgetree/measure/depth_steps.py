@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Float, Index
+from edgetree.measure.edge_lines import fit_lines
 
 # So many rows are looked at.
 _ROWS = 32
@@ -61,5 +62,6 @@ def _of_disparities(depth_m: Float) -> bool:
     if known.sum() < _MIN_RANGES:
         return False
     step_mm = (np.diff(_RANGES_MM) / np.maximum(values, 1))[known]
-    power = np.polyfit(np.log(_RANGES_MM[:-1][known]), np.log(step_mm), 1)[0]
+    ranges_mm = _RANGES_MM[:-1][known]
+    power = fit_lines(np.log(ranges_mm), np.log(step_mm), np.ones(len(step_mm)))[1]
     return bool(power >= _MIN_POWER and np.median(step_mm) >= _MIN_STEP_MM)

@@ -44,6 +44,12 @@ from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import volume_by_dbh
 from edgetree.measure.width import MaskWidths
 
+# What depth within an outline that is not the stem's may be of; the second one is for beams.
+_OF_OTHERS = (
+    "what has depth within its outline may be a branch, netting or another thing in front",
+    "the beams within its outline are of something that goes on beside it, before or behind it",
+)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FittedFrame:
@@ -81,22 +87,15 @@ class FittedFrame:
             return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
-        if not self.observed.plausible_depth[index] and self.frame.is_sparse:
-            return (
-                "no depth on the stem: the beams within its outline are of something that goes on"
-                " beside it, in front of the stem or behind it"
-            )
         if not self.observed.plausible_depth[index]:
-            return (
-                "no depth on the stem: what has depth within its outline may be a branch, netting"
-                " or another thing in front"
-            )
+            return f"no depth on the stem: {_OF_OTHERS[self.frame.is_sparse]}"
         second = self.observed.second
         if second is not None and second.unclear[index]:
             return "the mask shows more than one stem, and nothing tells which one is meant"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
-        if not (stems.fitted[index] and self.finite[index]):
+        agreeing = stems.fitted[index] and self.observed.enough_used(stems.used)[index]
+        if not (agreeing and self.finite[index]):
             return "the depth on the stem does not agree with itself"
         return self._implausible_reason(index)
 
@@ -261,6 +260,7 @@ class FittedFrame:
         return read_diameters(
             stems,
             self.widths,
+            self.observed.edges,
             height_scale(stems, cuts, grounds),
             shared_std=np.linalg.norm(shared, axis=0),
             shape_std=BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,

@@ -190,7 +190,9 @@ class DepthFrame:
             mask = cut.whole or cut
             x0, y0, x1, y1 = mask.box_px.tolist()
             (wide, left), (high, top) = mask.to_cells
-            near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
+            near = np.flatnonzero((x > x0) & (x < x1))
+            across = y[near]
+            near = near[(across > y0) & (across < y1)]
             for first in range(0, len(near), _MAX_POINTS):
                 part = near[first : first + _MAX_POINTS]
                 column, row = (wide * x[part] + left)[None], (high * y[part] + top)[None]

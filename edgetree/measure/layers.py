@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from edgetree.measure.beams import beams_go_on
 from edgetree.measure.constants.depth import (
     BESIDE_SHARE,
@@ -18,7 +19,7 @@ from edgetree.measure.constants.depth import (
     SURFACE_STDS,
 )
 from edgetree.measure.edge_lines import fit_lines, masked_medians
-from edgetree.measure.frame import DepthFrame
+from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 # The depth beside a stem is read at these distances from its middle, in half widths, and at least
@@ -27,11 +28,14 @@ _BESIDE = np.array([1.3, 1.7])
 _MIN_BESIDE_PX = 3.0
 # Rounds of the line through the stem's own readings, by least absolute differences.
 _ROUNDS = 3
+# The masks of other trees are looked for at these distances to both sides of a reading, in sizes of
+# the window of the depth camera.
+_GROWN = np.array([-1.0, -0.5, 0.5, 1.0])
 
 
 def goes_on_beside(
     frame: DepthFrame, regions: SearchRegions, edges_px: Float, depth_m: Float
-) -> Bool:
+) -> tuple[Bool, Bool]:
     """Whether readings within the edges are of a surface that also shows beside the stem.
 
     A stem's surface ends at its edges. Branches, netting and brush cross them at the same depth.
@@ -46,19 +50,50 @@ def goes_on_beside(
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
 
     Returns:
-        (T, S, N) flags.
+        (T, S, N) flags, and (T,) whether the mask of another tree is beside the stem.
     """
     middle, reach = edges_px.sum(0) / 2, (edges_px[1] - edges_px[0]) / 2
     apart = np.maximum(_BESIDE * reach[..., None], reach[..., None] + _MIN_BESIDE_PX)
     xy_px = regions.points(middle[..., None] + OUTWARDS[..., None] * apart)
-    beside_m = np.where(_on_any_stem(frame, xy_px), 0.0, frame.depth_at(xy_px))
-    padded = np.pad(beside_m, ((0, 0), (0, 0), (1, 1), (0, 0)))
+    on_other = _on_any_stem(frame, xy_px)
+    read_m = frame.depth_at(xy_px)
     stations = depth_m.shape[1]
-    near = np.concatenate([padded[:, :, first : first + stations] for first in range(3)], -1)
-    within_m = _noise_m(frame, depth_m)
-    alike = np.abs(near[..., None, :] - depth_m[..., None]) < within_m[..., None]
-    share = (alike & (near > 0)[..., None, :]).mean(-1).max(0)
-    return np.asarray((depth_m > 0) & (share >= BESIDE_SHARE))
+    beside_m = np.full((*read_m.shape[:2], stations + 2, len(_BESIDE)), np.inf)
+    beside_m[:, :, 1:-1] = np.where(on_other | (read_m == 0), np.inf, read_m)
+    # The places come first, as sums over the first axis are fast.
+    near = np.stack([beside_m[:, :, first : first + stations] for first in range(3)])
+    near = np.moveaxis(near, -1, 1).reshape(-1, *edges_px.shape, 1)
+    alike = np.abs(near - depth_m) < _noise_m(frame, depth_m)
+    share = alike.sum(0).max(0) / len(near)
+    return (depth_m > 0) & (share >= BESIDE_SHARE), np.asarray(on_other.any((0, 2, 3)))
+
+
+def _grown(frame: DepthFrame, rows: Index, across: Float, xy_px: Float, depth_m: Float) -> Bool:
+    """Whether readings may be of another tree, whose depth has grown beyond its mask.
+
+    Stereo cameras and filters give the pixels around a near stem its depth, up to about the size
+    of their window (`MeasureSettings.depth_correlation_px`).
+
+    Args:
+        frame: Depth, masks and settings.
+        rows: (T,) numbers of the stems among the frame's trees.
+        across: (T, 2) unit vectors across the stems.
+        xy_px: (T, S, N, 2) places of the readings.
+        depth_m: (T, S, N) readings; 0 where there is none.
+
+    Returns:
+        (T, S, N) flags: the mask of another tree is so near, and as far away, within the noise and
+        `SURFACE_M`.
+    """
+    away_px = frame.settings.depth_correlation_px * _GROWN[:, None, None, None, None]
+    beside_px = xy_px + away_px * across[:, None, None]
+    own_masks = replace(frame, masks=[(frame.masks or [])[row] for row in rows.tolist()])
+    own = own_masks.mask_probability(beside_px.swapaxes(0, 1)).swapaxes(0, 1) >= MASK_THRESHOLD
+    alike = np.abs(frame.depth_at(beside_px) - depth_m) < _noise_m(frame, depth_m)
+    grown = (depth_m > 0) & alike & ~own
+    # Few places are left to look for other masks at.
+    grown[grown] = frame.on_any_stem(beside_px[grown][None])[0]
+    return np.asarray(grown.any(0))
 
 
 class OwnReadings(NamedTuple):
@@ -82,9 +117,11 @@ def own_readings(
     edges_px: Float,
     depth_m: Float,
     on_stem: Bool,
-    beams_px: Float | None = None,
+    xy_px: Float,
 ) -> OwnReadings:
     """Leave out readings of things in front, as far as the stem has enough of its own.
+
+    Those that may be of another tree beside the stem are none of its own, see `_grown`.
 
     The readings that do not go on beside the stem give a line of inverse depth along it. Others
     that are nearer than this line are left out. Where there are too few, all stay: a stem in a
@@ -98,12 +135,18 @@ def own_readings(
         edges_px: (2, T, S) left and right edges across the regions.
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
         on_stem: (T, S, N) places within the masks.
-        beams_px: (T, S, N, 2) places of sparse readings in the image, which fill any outline.
+        xy_px: (T, S, N, 2) their places in the image. Sparse readings fill any outline.
     """
-    if beams_px is None:
-        goes_on = goes_on_beside(frame, regions, edges_px, depth_m)
+    if not frame.is_sparse:
+        goes_on, touched = goes_on_beside(frame, regions, edges_px, depth_m)
+        rows = np.flatnonzero(touched)
+        if len(rows):
+            grown = _grown(frame, rows, regions.across[rows], xy_px[rows], depth_m[rows])
+            depth_m = depth_m.copy()
+            depth_m[rows] = np.where(grown, 0.0, depth_m[rows])
+            goes_on &= depth_m > 0
     else:
-        beams = np.concatenate([beams_px, depth_m[..., None]], -1)
+        beams = np.concatenate([xy_px, depth_m[..., None]], -1)
         goes_on = beams_go_on(frame, regions, edges_px, beams, _noise_m(frame, depth_m))
     own = (depth_m > 0) & ~goes_on
     places = np.maximum(on_stem.sum((1, 2)), 1)
@@ -116,7 +159,7 @@ def own_readings(
         front_m = _front_m(regions.stations_px[rows], depth_m[rows], own[rows])[..., None]
         within_m = half_px[rows] * front_m / frame.camera.fx + _noise_m(frame, front_m)
         nearer[rows] = goes_on[rows] & (depth_m[rows] < front_m - within_m)
-    fills = (beams_px is None) & ((depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places)
+    fills = (not frame.is_sparse) & ((depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places)
     through = _seen_through(frame, depth_m, own, goes_on, half_px) >= SEEN_THROUGH_SHARE * places
     plausible = enough | (fills & ~through)
     return OwnReadings(np.where(nearer, 0.0, depth_m), plausible, ~enough & fills)

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from calib.directions import lengths, unit
 from edgetree.measure.beams import beams_on_stems
-from edgetree.measure.constants.depth import DEPTH_WITHIN
+from edgetree.measure.constants.depth import DEPTH_WITHIN, MIN_OWN_SHARE
 from edgetree.measure.constants.outlines import SECTION_QUANTILE, STATIONS_PER_ERROR
 from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import fit_lines, masked_medians, pick
@@ -60,6 +60,11 @@ class StemObservations:
     plausible_depth: Bool
     doubtful_depth: Bool
     second: SecondStems | None = None
+
+    def enough_used(self, used: Index) -> Bool:
+        """(T,) whether `used` (T,) readings are enough of the places on the stems."""
+        places = self.on_stem_fraction * self.readings.depth_m.shape[1]
+        return np.asarray(used >= MIN_OWN_SHARE * places)
 
 
 def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> StemObservations:
@@ -150,8 +155,7 @@ def _sample_depth(
         depth_m = np.where(beams.enough[:, None, None], depth_m, 0.0)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
-    beams_px = None if beams is None else beams.xy_px
-    own = own_readings(frame, regions, edges_px, depth_m, on_stem, beams_px)
+    own = own_readings(frame, regions, edges_px, depth_m, on_stem, xy_px)
     depth_m = own.depth_m
     count = len(position)
     spacing = np.stack(

@@ -28,6 +28,8 @@ from edgetree.measure.surface_ends import surface_ends
 
 # An object in front of a stem is searched for this far from the stem's edge, in half widths or px.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
+# A side with fewer edges than this has none.
+_MIN_EDGES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,9 @@ class Outline:
     def without_occluded_edges(self, frame: DepthFrame, depth_m: Float) -> Outline:
         """The outline without edges beside which something nearer may hide the stem's edge.
 
+        Where nothing is read beside an edge, it is hidden if another stem hides the next ones above
+        and below. A side of which hardly an edge is left has none.
+
         Args:
             frame: Depth and settings.
             depth_m: (T,) depth of the stems.
@@ -85,9 +90,28 @@ class Outline:
         step_px = np.maximum(_BESIDE * regions.half_px, _MIN_BESIDE_PX)[:, None]
         outwards_px = OUTWARDS * step_px
         beside = np.stack([self.edges_px + times * outwards_px for times in (1, 2)], -1)
-        depth = frame.depth_at(regions.points(beside))
-        hidden = ((depth > 0) & (depth < nearer)).any(-1)
-        return replace(self, valid=self.valid & ~hidden)
+        beside_px = regions.points(beside)
+        depth = frame.depth_at(beside_px)
+        read, before = (depth > 0).any(-1), (depth > 0) & (depth < nearer)
+        hidden: Bool = np.asarray(before.any(-1))
+        # Missing readings tell nothing: those at the next stations do.
+        before[before] = frame.on_any_stem(beside_px[before][None])[0]
+        by_stem = before.any(-1)
+        rows = by_stem.any(-1) & ~read.all(-1)
+        if rows.any():
+            hidden[rows] |= ~read[rows] & _between(by_stem[rows], read[rows])
+        valid = self.valid & ~hidden
+        return replace(self, valid=valid & (valid.sum(2, keepdims=True) >= _MIN_EDGES))
+
+
+def _between(flags: Bool, known: Bool) -> Bool:
+    """(N, S) whether flags (N, S) are set at the nearest known stations on both sides."""
+    station = np.arange(known.shape[-1])
+    before = np.maximum.accumulate(np.where(known, station, -1), -1)
+    after = np.minimum.accumulate(np.where(known, station, station[-1] + 1)[..., ::-1], -1)
+    ended = np.pad(flags, ((0, 0), (1, 1)))
+    sides = [np.take_along_axis(ended, side + 1, -1) for side in (before, after[..., ::-1])]
+    return np.asarray(sides[0] & sides[1])
 
 
 def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoints) -> Outline:

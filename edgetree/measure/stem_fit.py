@@ -138,6 +138,8 @@ def fit_stems(
     for iteration in range(_ITERATIONS):
         points = _inverse_distances(sections, readings)
         noise = points.noise(settings)
+        if iteration < _TAPER_ITERATIONS:
+            convergence = Convergence.of(widths, edges.distance_m)
         if kept is None:
             start = best_distance_lines(
                 points.height_ratio,
@@ -145,7 +147,7 @@ def fit_stems(
                 points.used,
                 noise,
                 lean_std_rad,
-                Convergence.of(widths, edges.distance_m),
+                convergence,
             )
         else:
             start = level_distance_lines(points, kept)
@@ -166,7 +168,6 @@ def fit_stems(
         receding = _receding(points, half.rad)
         # Later it stays, as it depends on the tilt in turn.
         if iteration < _TAPER_ITERATIONS:
-            convergence = Convergence.of(widths, edges.distance_m)
             taper_per_m = convergence.taper_per_m(value, slope, receding)
         found = np.arctan(-(slope + taper_per_m * receding) / value)
         # For near, thick stems the steps of the tilt alternate in sign and shrink by a constant

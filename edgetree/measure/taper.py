@@ -18,13 +18,18 @@ from edgetree.measure.constants.stems import (
     LOWEST_HEIGHT_DIAMETERS,
     LOWEST_HEIGHT_M,
     MAX_RELATIVE_STD,
+    MIN_SHAPE,
     MIN_TAPER_M,
+    SHAPE_STDS,
+    SWELL_LENGTH_M,
+    TAPER_PER_M,
+    TAPER_SPREAD_PER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.stem_fit import Stems
-from edgetree.measure.width import MaskWidths
+from edgetree.measure.width import MaskWidths, StemEdges
 
 # Distance between the diameters of a profile, in m, and their largest number.
 _STEP_M, _MAX_DIAMETERS = 0.1, 300
@@ -197,6 +202,7 @@ _UNSEEN = Failure("both edges of the stem are seen at hardly any height")
 def read_diameters(
     stems: Stems,
     widths: MaskWidths,
+    edges: StemEdges,
     heights: HeightScale,
     *,
     shared_std: Float,
@@ -214,6 +220,7 @@ def read_diameters(
     Args:
         stems: The fitted stems.
         widths: Mask edges by height.
+        edges: The same as rays, with the swell of the butt.
         heights: Heights along the axes.
         shared_std: (T,) relative standard deviation that all diameters of a stem share.
         shape_std: Relative standard deviation of a diameter from the shape of the stem.
@@ -230,6 +237,8 @@ def read_diameters(
     value_m = 2 * stems.distance_m[rows] * np.sin(half.rad)
     tilt_std = stems.tilt_std_rad / stems.distance_m
     edge_std_m = value_m * np.hypot(EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
+    shape_doubt = _beyond_shape(stems, edges, rows, along_m, value_m, edge_std_m)
+    edge_std_m = np.hypot(edge_std_m, shape_doubt * value_m)
     other_std = np.hypot(shared_std[rows], tilt_std[rows] * along_m)
     collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m, value_m)
     collar_std_m = value_m * collar_std
@@ -270,6 +279,37 @@ def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Index, Float]:
     rows = np.repeat(np.arange(len(number)), number)
     within = np.arange(len(rows)) - np.repeat(np.cumsum(number) - number, number)
     return rows, (first[rows] + within) * _STEP_M
+
+
+def _beyond_shape(
+    stems: Stems, edges: StemEdges, rows: Index, along_m: Float, value_m: Float, std_m: Float
+) -> Float:
+    """By how much diameters differ from what a tapering stem with that section has.
+
+    Arms of a fork, branches and a nearer stem that hides an edge change the width of a mask. What a
+    difference shows beyond `SHAPE_STDS` standard deviations counts as one, as in Birge's ratio.
+
+    Args:
+        stems: The fitted stems.
+        edges: Their edges, with the swell of the butt.
+        rows: (N,) numbers of the stems.
+        along_m: (N,) positions along the axes, from the section.
+        value_m: (N,) diameters.
+        std_m: (N,) their standard deviations by edges and shape.
+
+    Returns:
+        (N,) relative standard deviations.
+    """
+    above_swell = 1 - np.exp(-np.maximum(along_m, 0.0) / SWELL_LENGTH_M)
+    expected = 1 - edges.butt_swell[rows] * above_swell - TAPER_PER_M * along_m
+    expected = np.maximum(expected, MIN_SHAPE)
+    section_std = stems.half_std_rad / np.tan(stems.sections.half_rad)
+    taper_std = TAPER_SPREAD_PER_M * along_m
+    swell_std = edges.butt_swell_std[rows] * above_swell
+    stds = [section_std[rows] * expected, taper_std, swell_std, std_m / value_m * expected]
+    off = value_m / (2 * stems.radius_m[rows]) - expected
+    beyond = np.maximum(off**2 - SHAPE_STDS**2 * np.square(stds).sum(0), 0.0)
+    return np.asarray(np.sqrt(beyond) / expected)
 
 
 def _root_collar(from_ground: Bool, height_m: Float, diameter_m: Float) -> tuple[Float, Bool]:

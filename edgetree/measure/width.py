@@ -123,6 +123,17 @@ class StemEdges:
         """(T, 3) rays to the middle of the sections."""
         return np.asarray(self.section.mean(1))
 
+    @cached_property
+    def _both(self) -> Bool:
+        """(T, S) stations at which both edges are valid."""
+        return np.asarray(self.valid.all(0))
+
+    @cached_property
+    def _side_shares(self) -> Float:
+        """(2, T, S) shares of the edges in the heights of the stations: those of valid edges."""
+        shown = self.valid.sum(0)
+        return np.where(shown, self.valid / np.maximum(shown, 1), 0.5)
+
     def sections(
         self, axes: StemAxes, half_rad: Float | None = None
     ) -> tuple[Sections, list[HalfAngle], MaskWidths]:
@@ -166,8 +177,13 @@ class StemEdges:
             section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
         """
         bearing, slope = axes.bearing_and_slope(self.sides)
-        narrowing = np.cos((bearing[1] - bearing[0]) / 2)
-        height_ratio = slope.mean(0) * narrowing - section_height_ratio[:, None]
+        # A station of which one edge shows has the height of that edge.
+        both, number = self._both, np.maximum(self._both.sum(1, keepdims=True), 1)
+        slope = (self._side_shares * slope).sum(0)
+        narrowing = np.where(both, np.cos((bearing[1] - bearing[0]) / 2), 0.0)
+        usual = narrowing.sum(1, keepdims=True) / number
+        usual = np.where(usual > 0, usual, 1.0)
+        height_ratio = slope * np.where(both, narrowing, usual) - section_height_ratio[:, None]
         return MaskWidths(
             height_m=height_ratio * self.distance_m[:, None],
             bearing_rad=np.where(self.valid, bearing, 0.0),

@@ -37,7 +37,8 @@ BESIDE_SHARE: Final = 0.2
 Source: chosen on ray-traced scenes; a branch that crosses at one of three stations has a third."""
 
 MIN_OWN_SHARE: Final = 0.08
-"""Share of the places on a stem that must have a reading which does not go on beside it.
+"""Share of the places on a stem that must have a reading which does not go on beside it, and one
+that agrees with the stem fitted.
 Source: chosen on ray-traced scenes, so little of a stem shows behind dense netting."""
 
 MIN_OWN_STATIONS: Final = 0.25

@@ -39,6 +39,14 @@ COMMON_LEAN_STD_DEG: Final = 2.0
 """Standard deviation of the lean that all stems of a stand share, by wind, snow and light.
 Source: fitted (inclination-no-vertical)."""
 
+SHAPE_STDS: Final = 2.0
+"""Diameters along a stem that differ from its usual shape by more standard deviations are in doubt.
+Source: bound, chance does so once in 20 times."""
+
+MIN_SHAPE: Final = 0.3
+"""Least share of the section's diameter that is expected along a stem.
+Source: bound, a lower stem is thicker."""
+
 # The butt
 
 SWELL_LENGTH_M: Final = 0.6

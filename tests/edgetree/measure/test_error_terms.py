@@ -75,6 +75,14 @@ def test_diameters_near_the_root_collar_are_less_certain(scene, pole):
     assert np.all(np.diff(relative[:8]) < 0)
 
 
+@pytest.mark.parametrize(("taper", "doubted"), [(0.02, False), (-0.1, True)])
+def test_diameters_that_no_tapering_stem_has_are_in_doubt(scene, pole, taper, doubted):
+    """As those of the arms of a fork, or of a branch in the mask."""
+    stand = scene(pole(0.3, 0.0, 4.0, taper=taper, top_m=3.5))
+    std_m = stand.measure(masks=stand.masks()).profile.diameter_std_m
+    assert (std_m[-1] > 3 * std_m.min()) == doubted
+
+
 def with_other_depth(stand, share, depth_m):
     """The scene's depth with that of other things on a share of the stem's pixels."""
     other = np.random.default_rng(0).random(stand.owner.shape) < share
