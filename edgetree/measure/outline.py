@@ -92,7 +92,8 @@ class Outline:
         beside = np.stack([self.edges_px + times * outwards_px for times in (1, 2)], -1)
         beside_px = regions.points(beside)
         depth = frame.depth_at(beside_px)
-        read, before = (depth > 0).any(-1), (depth > 0) & (depth < nearer)
+        read: Bool = np.asarray((depth > 0).any(-1))
+        before: Bool = np.asarray((depth > 0) & (depth < nearer))
         hidden: Bool = np.asarray(before.any(-1))
         # Missing readings tell nothing: those at the next stations do.
         before[before] = frame.on_any_stem(beside_px[before][None])[0]

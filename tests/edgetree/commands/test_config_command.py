@@ -130,6 +130,8 @@ def test_a_file_says_where_messages_go(run_cli: Cli, setup: Path) -> None:
     done = run_cli("live", "--config", setup, "--frames", "1")
     assert (done.code, done.err) == (0, "")
     assert "1 frame, " in (setup.parent / "live.log").read_text()
+
+
 UNOPENED = {
     "model": ('model = "none.onnx"', "line 4: --model is .*none.onnx, which does not exist"),
     "model name": ('model = "edge-n-depht"', "line 4: no model is called .*mean edge-n-depth"),
