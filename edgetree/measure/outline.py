@@ -97,7 +97,7 @@ class Outline:
         hidden: Bool = np.asarray(before.any(-1))
         # Missing readings tell nothing: those at the next stations do.
         before[before] = frame.on_any_stem(beside_px[before][None])[0]
-        by_stem = before.any(-1)
+        by_stem: Bool = np.asarray(before.any(-1))
         rows = by_stem.any(-1) & ~read.all(-1)
         if rows.any():
             hidden[rows] |= ~read[rows] & _between(by_stem[rows], read[rows])
