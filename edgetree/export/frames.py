@@ -104,7 +104,7 @@ def _labelled_frames(folder: Path, modality: str, *, test_split: bool) -> list[P
 
 
 def _test_split_names(folder: Path) -> frozenset[str]:
-    """File names without suffix of the frames in a dataset's test split, or without one in `val`."""
+    """Names without suffix of the frames in a dataset's test split, or without one in `val`."""
     files = (folder / f"{split}_RGB.json" for split in ("test", "val"))
     path = next((path for path in files if path.is_file()), None)
     if path is None:
