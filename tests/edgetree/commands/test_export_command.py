@@ -17,7 +17,7 @@ WRONG = {
         "frames",
         "none.safetensors: no such file, expected a .safetensors checkpoint",
     ),
-    "exported": ("model.onnx", "frames", "model.onnx: is an exported model, expected the"),
+    "exported": ("model.onnx", "frames", "model.onnx: is an exported model, expected its"),
     "frames": ("best.safetensors", "none", "none is no folder: expected one with frames"),
     "a file": ("best.safetensors", "model.onnx", "model.onnx is no folder: expected one"),
 }
