@@ -101,12 +101,12 @@ def frame_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def traced(once: Once) -> Trace:
     """The function `edgetree.export.build.trace`, which traces each network once in a run."""
 
-    def look_up(model: TreeRCNN, *settings: Any, quantised: bool = False) -> Any:
-        key = [f"{model.spec} {settings} {quantised}".encode()]
+    def look_up(model: TreeRCNN, *settings: Any, **more: bool) -> Any:
+        key = [f"{model.spec} {settings} {more}".encode()]
         key += [value.numpy().tobytes() for value in model.state_dict().values()]
 
         def make(folder: Path) -> None:
-            onnx.save(trace(model, *settings, quantised=quantised), folder / "traced.onnx")
+            onnx.save(trace(model, *settings, **more), folder / "traced.onnx")
 
         name = f"trace-{hashlib.sha256(b''.join(key)).hexdigest()[:20]}"
         return onnx.load(once.folder(name, make) / "traced.onnx")
