@@ -15,6 +15,8 @@ PRINTERS = {
     "basetree/program/console.py",
     "basetree/program/command_line.py",  # the program's version and help
     "edgetree/bench/worker.py",  # to the process that started it, which cleans it
+    "edgetree/__main__.py",  # Ctrl-C before the console can be imported
+    "perceptree/__main__.py",
 }
 STREAMS = {"stdout", "stderr", "__stdout__", "__stderr__"}
 

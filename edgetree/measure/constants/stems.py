@@ -39,9 +39,9 @@ COMMON_LEAN_STD_DEG: Final = 2.0
 """Standard deviation of the lean that all stems of a stand share, by wind, snow and light.
 Source: fitted (inclination-no-vertical)."""
 
-SHAPE_STDS: Final = 2.0
+SHAPE_STDS: Final = 3.0
 """Diameters along a stem that differ from its usual shape by more standard deviations are in doubt.
-Source: bound, chance does so once in 20 times."""
+Source: bound, chance does so once in 370 times."""
 
 MIN_SHAPE: Final = 0.3
 """Least share of the section's diameter that is expected along a stem.

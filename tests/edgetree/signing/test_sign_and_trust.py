@@ -228,7 +228,9 @@ def test_verify_refuses_a_model_without_a_signature(
     machine: Machine, run_cli: Cli, images: Path, model: Path
 ) -> None:
     pytest.importorskip("torch")
-    done = run_cli("verify", model, model, "--data", images)
+    checkpoint = model.with_suffix(".safetensors")
+    checkpoint.write_bytes(b"")
+    done = run_cli("verify", model, checkpoint, "--data", images)
     assert done.code == 2
     assert "has no signature" in done.err
 
