@@ -252,7 +252,7 @@ def test_random_input_gives_finite_numbers_or_reasons(stand):
         keypoints[rng.random((1, 5)) < 0.05] = rng.choice([0.0, 1e9])
         boxes = exact.boxes_px + rng.normal(0, blur_px, (1, 4))
         masks = np.where(rng.random((1, 28, 28)) < 0.3, rng.random((1, 28, 28)), exact.masks)
-        depth_m = stand.depth_m * np.float32(rng.choice([0.01, 1, 1, 1, 1000]))
+        depth_m = stand.depth_m * np.float32(rng.choice([0.01, 1, 1, 1, 100]))
         depth_m[:: rng.integers(1, 9), :: rng.integers(1, 5)] = rng.uniform(0, 30)
         up = None if rng.random() < 0.5 else stand.up + rng.normal(0, rng.choice([0.1, 0.2]), 3)
         trees = replace(
