@@ -58,6 +58,8 @@ def detector(rgb_manifest: Manifest, two_trees: dict[str, Any]) -> TreeDetector:
 def serving(detector: TreeDetector) -> Iterator[Callable[..., Running]]:
     """A function that starts a service, as a context; what is left is closed."""
 
+    pytest.importorskip("zmq")
+
     @contextmanager
     def start(address: str = "tcp://127.0.0.1:0", silent_s: float = 5.0) -> Iterator[Running]:
         with Service(address, silent_s=silent_s) as service:
