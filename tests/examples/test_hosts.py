@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -198,8 +197,12 @@ def service(folder: Path, before: str = "") -> Iterator[str]:
         try:
             yield address
         finally:
-            process.send_signal(signal.SIGINT)
-            process.wait(60)
+            process.terminate()
+            try:
+                process.wait(60)
+            except subprocess.TimeoutExpired:  # that it ends is asserted in tests of the command
+                process.kill()
+                process.wait()
 
 
 OF_ANOTHER_USER = """
