@@ -330,11 +330,17 @@ def _flattened(boxes: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _rows_of(real: Tensor, every_row: bool) -> tuple[Tensor, Tensor]:
-    """The real boxes (B, K) of a batch, or all; and the first one, since runtimes differ on none.
+    """Choose the boxes that the mask and keypoint heads run on.
+
+    The first box is always among them, as not all runtimes can run a head on no box.
+
+    Args:
+        real: (B, K), whether a row holds a box.
+        every_row: Whether to choose all rows.
 
     Returns:
-        (N,) int64 numbers of these boxes among the B * K, and (B * K,) int64 positions of all boxes
-        among these; a box that is not among them has the position of one before it.
+        (N,) int64, the numbers of the chosen rows among all B * K; and (B * K,) int64, for each row
+        its place among the chosen ones. A row that is not chosen has the place of one before it.
     """
     numbers = torch.arange(real.numel(), device=real.device)
     if every_row:
