@@ -145,14 +145,15 @@ def stages_of(
         small = to_bytes(image, encoding)
         given = small.reshape(HEIGHT, WIDTH, -1)
         pixels = box.apply(small, pad_value)[None]
-        outputs = detector.session.run({manifest.input.name: pixels})
+        inputs = detector.inputs_of(pixels)
+        outputs = detector.session.run(inputs)
         rows = outputs["scores"][0] >= detector.score_threshold
         boxes, masks = outputs["boxes"][0][rows], outputs["masks"][0][rows]
         for name, graph in resizing.items():
             theirs = graph.run(None, {"frame": given})[0].reshape(pixels.shape)
             gaps[name] = max(gaps[name], int(np.abs(theirs.astype(int) - pixels).max()))
         stages: dict[str, Callable[[], Any]] = {
-            "network": partial(detector.session.run, {manifest.input.name: pixels}),
+            "network": partial(detector.session.run, inputs),
             "resize, host": partial(box.apply, small, pad_value),
             **{
                 name: partial(graph.run, None, {"frame": given}) for name, graph in resizing.items()

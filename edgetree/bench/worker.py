@@ -116,7 +116,7 @@ def _detail(job: Job) -> Record:
     size = detector.session.input_shapes[manifest.input.name][0]
     rows = size if isinstance(size, int) else 1
     pictures = [detector.prepare(frame.image) for frame in frames]
-    inputs = [{manifest.input.name: np.repeat(each[None], rows, axis=0)} for each in pictures]
+    inputs = [detector.inputs_of(np.repeat(each[None], rows, axis=0)) for each in pictures]
     times = network_times(path, job.session, inputs)
     one_frame = {part: ms / rows for part, ms in times.parts_ms.items()}
     placement = getattr(detector.session, "placement", {})

@@ -18,9 +18,10 @@ from edgetree.export.frames import frames_sha256, input_shape
 from edgetree.export.quantise import quantise, weight_bits
 from edgetree.export.quiet import quiet
 from edgetree.export.rewrites import rewrite_for_export
-from edgetree.export.settings import OPSET, PRECISIONS, ExportSettings
+from edgetree.export.settings import EVERY_ROW_TARGETS, OPSET, PRECISIONS, ExportSettings
 from edgetree.model_file.manifest import (
     METADATA_KEY,
+    SCORE_INPUT,
     ClassifierCost,
     Manifest,
     ResizeRule,
@@ -102,7 +103,7 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
         settings.batch,
         settings.opset,
         quantised=int8,
-        every_row=settings.target == "tensorrt",
+        every_row=settings.target in EVERY_ROW_TARGETS,
     )
     frames = source.calibration_frames
     if settings.precision != "fp32" and frames is not None:
@@ -144,11 +145,14 @@ def trace(
             slow with others.
 
     Returns:
-        An `onnx.ModelProto`, whose nodes name the modules that they come from.
+        An `onnx.ModelProto`, whose nodes name the modules that they come from. Unless `every_row`,
+        it has the optional input `SCORE_INPUT` of shape (1,) beside `image`, the spec's threshold
+        by default: boxes with a lower score go to no mask or keypoint head.
 
     Raises:
         RuntimeError: Torch gave no ONNX program.
     """
+    import onnx
     import torch
 
     names = output_names(model.spec.masks, model.spec.keypoints)
@@ -159,23 +163,33 @@ def trace(
             super().__init__()
             self.model = rewritten
 
-        def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            found = rewritten.detect(image, every_row)._asdict()
+        def forward(
+            self, image: torch.Tensor, lowest_score: torch.Tensor | None = None
+        ) -> tuple[torch.Tensor, ...]:
+            found = rewritten.detect(image, every_row, lowest_score)._asdict()
             return tuple(found[name] for name in names)
 
+    inputs = {"image": torch.zeros(batch, *input_shape(model.spec), dtype=torch.uint8)}
+    if not every_row:
+        inputs[SCORE_INPUT] = torch.tensor([model.spec.score_threshold])
     with quiet():
         program = torch.onnx.export(
             Exported().eval(),
-            (torch.zeros(batch, *input_shape(model.spec), dtype=torch.uint8),),
+            tuple(inputs.values()),
             dynamo=True,
-            input_names=["image"],
+            input_names=list(inputs),
             output_names=list(names),
             opset_version=opset,
             verbose=False,
         )
     if program is None:
         raise RuntimeError("torch.onnx.export returned no program: expected an ONNXProgram")
-    return program.model_proto
+    proto = program.model_proto
+    if not every_row:
+        # An initializer that is an input as well is the input's default.
+        default = onnx.numpy_helper.from_array(inputs[SCORE_INPUT].numpy(), SCORE_INPUT)
+        proto.graph.initializer.append(default)
+    return proto
 
 
 def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> Manifest:
@@ -205,7 +219,11 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
         classes=CLASS_NAMES,
         keypoint_names=KEYPOINT_NAMES if spec.keypoints else (),
         keypoint_flip_pairs=KEYPOINT_FLIP_PAIRS if spec.keypoints else (),
-        thresholds=Thresholds(spec.score_threshold, spec.nms_iou),
+        thresholds=Thresholds(
+            spec.score_threshold,
+            spec.nms_iou,
+            score_input=None if settings.target in EVERY_ROW_TARGETS else SCORE_INPUT,
+        ),
         precision=PRECISIONS[settings.precision],
         opset=settings.opset,
         parameters=parameters(model),

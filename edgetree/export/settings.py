@@ -13,6 +13,8 @@ PRECISIONS: Final = {"fp32": "float32", "fp16": "float16", "int8": "int8"}
 TARGETS: Final = ("cpu", "cuda", "tensorrt", "openvino", "coreml", "directml")
 # Targets that run 8-bit files at least as fast as float32 files. The others convert to float.
 _INT8_TARGETS: Final = ("cpu", "tensorrt", "openvino")
+EVERY_ROW_TARGETS: Final = ("tensorrt",)
+"""Targets that are slow where the number of boxes that the last heads run on varies."""
 
 
 @dataclass(frozen=True)

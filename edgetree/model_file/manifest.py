@@ -21,6 +21,8 @@ from edgetree.errors import ModelFileError
 
 METADATA_KEY: Final = "edgetree.manifest"
 SCHEMA: Final = "edgetree.manifest/1"
+SCORE_INPUT: Final = "score_threshold"
+"""Name of the graph's optional input, see `Thresholds.score_input`."""
 RESIZE_RULE: Final = "letterbox-top-left"
 _LAYOUTS: Final = {"rgb": "BHWC", "depth": "BHW"}
 _CHANNELS: Final = {"rgb": (3,), "depth": (1, 3)}
@@ -34,7 +36,7 @@ def _require(condition: bool, what: str, value: object, expected: str) -> None:
 
 @dataclass(frozen=True)
 class InputSpec:
-    """The graph's only input.
+    """The graph's only input without a default.
 
     Attributes:
         name: Name of the input.
@@ -103,17 +105,23 @@ class Thresholds:
     """Thresholds for the outputs.
 
     Attributes:
-        score: Lowest score that the graph outputs.
+        score: Lowest score that the graph outputs unless `score_input` is given.
         nms_iou: IoU of boxes above which the graph keeps the one with the higher score.
         mask_overlap: After the graph, of two trees whose masks have more than this share of the
             smaller one in common, the one with the higher score is kept.
+        score_input: Name of an optional input of the graph, float32 of shape (1,), the lowest score
+            that is wanted. The graph gives no rows below it, and takes no time for their masks and
+            keypoints. None in files without it.
     """
 
     score: float
     nms_iou: float
     mask_overlap: float = 0.8
+    score_input: str | None = None
 
     def __post_init__(self) -> None:
+        known = self.score_input in (None, SCORE_INPUT)
+        _require(known, "threshold score_input", self.score_input, f"{SCORE_INPUT!r} or null")
         for name in ("score", "nms_iou", "mask_overlap"):
             value = getattr(self, name)
             _require(0.0 <= value <= 1.0, f"threshold {name}", value, "0 to 1")
@@ -292,6 +300,12 @@ def standard_input(modality: str, height: int, width: int) -> InputSpec:
     _require(modality in _LAYOUTS, "modality", modality, "'rgb' or 'depth'")
     layout, order = _LAYOUTS[modality], _COLOUR_ORDERS[modality]
     return InputSpec("image", height, width, layout, "uint8", order)
+
+
+def optional_inputs(manifest: Manifest) -> dict[str, tuple[int | str, ...]]:
+    """Shapes of the inputs that have a default in the graph, by name."""
+    name = manifest.thresholds.score_input
+    return {} if name is None else {name: (1,)}
 
 
 def standard_outputs(

@@ -176,6 +176,19 @@ class TreeDetector:
         """
         return self._prepare(check_image(image, "image", self.manifest))[1]
 
+    def inputs_of(self, prepared: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
+        """The graph's inputs for prepared images: these, and the lowest score that is wanted.
+
+        Args:
+            prepared: (B, H, W, 3) or (B, H, W) results of `prepare`.
+        """
+        inputs: dict[str, NDArray[Any]] = {self.manifest.input.name: prepared}
+        thresholds = self.manifest.thresholds
+        if thresholds.score_input is not None:
+            lowest = max(self.score_threshold, thresholds.score)
+            inputs[thresholds.score_input] = np.array([lowest], np.float32)
+        return inputs
+
     def _prepare(self, image: NDArray[Any]) -> tuple[calib.Letterbox, NDArray[np.uint8]]:
         target = self.manifest.input
         letterbox = calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
@@ -207,7 +220,7 @@ class TreeDetector:
             blank = np.full(target.image_shape, self.manifest.resize.pad_value, np.uint8)
             pixels += [blank] * (batch - len(images))
         stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
-        outputs = self.session.run({target.name: stacked})
+        outputs = self.session.run(self.inputs_of(stacked))
         found = check_outputs(outputs, self.manifest, batch, self.session.name)
         return [
             self._to_image(rows, letterbox, self._unlike(image, letterbox))

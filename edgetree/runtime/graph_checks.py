@@ -15,7 +15,12 @@ from basetree.arrays import Float32
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
 from edgetree.model_file.graph_rules import MAX_ELEMENTS
-from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
+from edgetree.model_file.manifest import (
+    METADATA_KEY,
+    Manifest,
+    optional_inputs,
+    standard_outputs,
+)
 from edgetree.model_file.safety_check import Shape
 from edgetree.runtime.session import InferenceSession
 
@@ -61,12 +66,14 @@ def _read_manifest(session: InferenceSession) -> Manifest:
     if manifest.depth_encoding is not None:
         calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
     expected = manifest.input.image_shape
-    shapes = session.input_shapes
-    found = shapes.get(manifest.input.name, ())
-    if set(shapes) != {manifest.input.name} or found[1:] != expected:
+    others = dict(session.input_shapes)
+    found = others.pop(manifest.input.name, ())
+    optional = optional_inputs(manifest)
+    if others != optional or found[1:] != expected:
+        more = "".join(f" and {name!r} of shape {shape}" for name, shape in optional.items())
         raise ModelFileError(
-            f"the graph's inputs are {dict(shapes)}: expected {manifest.input.name!r} of shape"
-            f" (batch, {', '.join(map(str, expected))}), as in its manifest"
+            f"the graph's inputs are {dict(session.input_shapes)}: expected {manifest.input.name!r}"
+            f" of shape (batch, {', '.join(map(str, expected))}){more}, as in its manifest"
         )
     _check_size(manifest.input.name, found)
     if set(session.output_shapes) != set(manifest.output_names):

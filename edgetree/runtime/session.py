@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from basetree.arrays import Float32
 from edgetree.detections import MASK_SIZE
 from edgetree.errors import ModelFileError
-from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.model_file.manifest import METADATA_KEY, Manifest, optional_inputs
 from edgetree.model_file.safety_check import (
     Shape,
     check_content,
@@ -51,7 +51,7 @@ class InferenceSession(Protocol):
 
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
-        """Shape of each input; dynamic sizes are given by their name."""
+        """Shape of each input; dynamic sizes are given by their name. Those with a default too."""
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:
@@ -88,7 +88,7 @@ class OrtSession:
         metadata: The model file's metadata.
         provider: The provider in use, which runs at least a part of the graph.
         threads: Threads of one inference.
-        input_shapes: Shape of each input.
+        input_shapes: Shape of each input, also of those that have a default.
         output_shapes: Shape of each output.
 
     Raises:
@@ -125,7 +125,10 @@ class OrtSession:
         self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         self.input_shapes, self.output_shapes = (
             {item.name: tuple(item.shape) for item in items}
-            for items in (self._session.get_inputs(), self._session.get_outputs())
+            for items in (
+                [*self._session.get_inputs(), *self._session.get_overridable_initializers()],
+                self._session.get_outputs(),
+            )
         )
         self._turn = threading.Lock() if self._provider.one_at_a_time else nullcontext()
         self._process = os.getpid()
@@ -279,8 +282,11 @@ class FakeSession:
 
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
-        """Shape of the manifest's input."""
-        return {self.manifest.input.name: ("batch", *self.manifest.input.image_shape)}
+        """Shapes of the manifest's inputs."""
+        image: dict[str, Shape] = {
+            self.manifest.input.name: ("batch", *self.manifest.input.image_shape)
+        }
+        return image | optional_inputs(self.manifest)
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:

@@ -235,7 +235,9 @@ class TreeRCNN(nn.Module):
             result["keypoint"] = losses.keypoint_loss(heat, cells, inside, mean_count)
         return result
 
-    def detect(self, images: Tensor, every_row: bool = False) -> Detections:
+    def detect(
+        self, images: Tensor, every_row: bool = False, lowest_score: Tensor | None = None
+    ) -> Detections:
         """Detect trees.
 
         The outputs' shapes are fixed and no Python branch depends on pixel values, so the method
@@ -245,6 +247,7 @@ class TreeRCNN(nn.Module):
             images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
             every_row: Whether the mask and keypoint heads run on all K rows, not only on those
                 with a box. That is slower, but no shape within depends on the images.
+            lowest_score: (1,) float32, takes the place of the spec's `score_threshold`.
 
         Raises:
             ValueError: If the dtype or the shape is not the spec's.
@@ -257,8 +260,9 @@ class TreeRCNN(nn.Module):
         logits, shifts = self.box_head(pooler(flat, images_of, BOX_CELLS))
         scores = logits.softmax(dim=1)[:, 0].reshape(proposals.valid.shape)
         boxes = clip_boxes(decode_boxes(shifts, flat, BOX_WEIGHTS), spec.height, spec.width)
+        high = scores >= (spec.score_threshold if lowest_score is None else lowest_score)
         boxes, scores, real = self._select(
-            boxes.reshape(proposals.boxes.shape), scores, proposals.valid
+            boxes.reshape(proposals.boxes.shape), scores, proposals.valid & high
         )
         keypoints, masks = self._branches(pooler, boxes, real, every_row)
         return Detections(boxes, scores, keypoints, masks, real.sum(dim=1))
@@ -268,7 +272,7 @@ class TreeRCNN(nn.Module):
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Keep the K best of (B, P, ...) candidates: boxes, scores and a validity mask."""
         size = boxes[..., 2:] - boxes[..., :2]
-        valid = valid & (scores > self.spec.score_threshold) & (size > 0.0).all(dim=-1)
+        valid = valid & (size > 0.0).all(dim=-1)
         rows = []
         for i in range(boxes.shape[0]):
             order, real = nms_top_k(

@@ -61,6 +61,26 @@ def test_counted_multiply_adds_equal_those_that_torch_counts(exported: ExportRep
     assert counted == pytest.approx(exported.manifest.multiply_adds, rel=0.03)
 
 
+def test_the_detector_asks_the_file_for_the_trees_that_it_shows_alone(
+    exported: ExportReport,
+) -> None:
+    image = np.random.default_rng(2).integers(0, 256, (90, 150, 3), np.uint8)
+    every = TreeDetector.load(exported.path, threads=1, score_threshold=0.01)
+    median = float(np.median(every.detect(image).scores))
+    few = TreeDetector.load(exported.path, threads=1, score_threshold=median)
+    shown, expected = few.detect(image), every.detect(image).above(median)
+    assert 0 < len(shown) < len(every.detect(image))
+    np.testing.assert_array_equal(shown.boxes_px, expected.boxes_px)
+    np.testing.assert_allclose(shown.masks, expected.masks, atol=1e-5)
+    pixels = few.prepare(image)[None]
+    outputs = few.session.run(few.inputs_of(pixels))
+    assert (
+        len(shown)
+        <= outputs["num_detections"][0]
+        < every.session.run(every.inputs_of(pixels))["num_detections"][0]
+    )
+
+
 def test_every_size_is_static_and_every_roi_align_attribute_written(
     exported: ExportReport,
 ) -> None:

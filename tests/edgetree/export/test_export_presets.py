@@ -24,7 +24,7 @@ def assert_verified(report: ExportReport, settings: ExportSettings) -> None:
     manifest = TreeDetector.load(report.path).manifest
     assert manifest == report.manifest
     assert manifest.training_data == "untrained"
-    (image,) = onnx.load(report.path).graph.input
+    image = onnx.load(report.path).graph.input[0]
     sizes = [size.dim_value for size in image.type.tensor_type.shape.dim]
     assert sizes[:3] == [settings.batch, settings.height, settings.width]
 

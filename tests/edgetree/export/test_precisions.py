@@ -237,8 +237,11 @@ def half(model: TreeRCNN, frames: NDArray[np.uint8], traced: Callable[..., Any])
 
 
 def test_float16_keeps_the_types_of_inputs_and_outputs(half: Any, model: TreeRCNN) -> None:
-    (image,) = half.graph.input
+    image, lowest_score = half.graph.input
     assert image.type.tensor_type.elem_type == TensorProto.UINT8
+    assert lowest_score.type.tensor_type.elem_type == TensorProto.FLOAT
+    constants = {value.name: value.data_type for value in half.graph.initializer}
+    assert constants[lowest_score.name] == TensorProto.FLOAT
     kinds = {value.name: value.type.tensor_type.elem_type for value in half.graph.output}
     assert kinds.pop("num_detections") == TensorProto.INT64
     assert set(kinds.values()) == {TensorProto.FLOAT}

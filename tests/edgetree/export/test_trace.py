@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -9,6 +10,7 @@ import pytest
 import torch
 
 from edgetree.export.build import output_names, trace
+from edgetree.model_file.manifest import SCORE_INPUT
 from perceptree.models import TreeRCNN
 
 BuildModel = Callable[..., TreeRCNN]
@@ -85,6 +87,33 @@ def test_a_picture_without_a_box_beside_one_with_some(build_model: BuildModel) -
         outputs = session.run(None, {"image": given.numpy()})
         for ours, theirs in zip(outputs, wanted, strict=True):
             np.testing.assert_allclose(ours, theirs.numpy(), atol=0.05)
+
+
+def test_a_wanted_score_leaves_rows_out_and_changes_no_others(build_model: BuildModel) -> None:
+    model = build_model()
+    session = onnxruntime.InferenceSession(
+        trace(model, batch=2, quantised=True).SerializeToString(),
+        providers=["CPUExecutionProvider"],
+    )
+    image = {"image": frames(model.spec.height, model.spec.width).numpy()}
+    every = session.run(None, image)
+    scores = every[1]
+    wanted = np.sort(scores[scores > 0])[[5]]  # that of one tree, which stays
+    chosen = session.run(None, image | {SCORE_INPUT: wanted})
+    kept = scores >= wanted
+    assert chosen[-1].tolist() == kept.sum(axis=1).tolist()
+    assert chosen[-1].sum() < every[-1].sum()
+    for ours, theirs in zip(chosen[:-1], every[:-1], strict=True):
+        np.testing.assert_array_equal(ours[kept], theirs[kept])
+        assert not ours[~kept].any()
+
+
+def test_a_graph_that_computes_all_rows_takes_the_image_alone(
+    build_model: BuildModel, traced: Callable[..., Any]
+) -> None:
+    proto = traced(build_model(), 2, every_row=True)
+    assert [value.name for value in proto.graph.input] == ["image"]
+    assert SCORE_INPUT not in [constant.name for constant in proto.graph.initializer]
 
 
 @pytest.mark.slow

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
-from edgetree.model_file.manifest import Manifest, standard_input, standard_outputs
+from edgetree.model_file.manifest import (
+    SCORE_INPUT,
+    Manifest,
+    Thresholds,
+    standard_input,
+    standard_outputs,
+)
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.session import FakeSession
 
@@ -92,6 +98,39 @@ def test_the_threshold_and_the_count_select_the_rows(
     none = {name: rows[:0] for name, rows in two_trees.items()}
     empty = FakeSession.with_trees(rgb_manifest, **none)
     assert len(TreeDetector(empty, score_threshold=0.0).detect(_image())) == 0
+
+
+@pytest.mark.parametrize(("threshold", "given"), [(0.5, 0.5), (0.0, 0.01)])
+def test_a_graph_that_takes_the_lowest_score_gets_the_detectors(
+    rgb_manifest: Manifest, two_trees: Trees, threshold: float, given: float
+) -> None:
+    session = FakeSession.with_trees(_taking_scores(rgb_manifest), **two_trees)
+    detector = TreeDetector(session, score_threshold=threshold)
+    detector.detect(_image())
+    lowest = session.inputs["score_threshold"]
+    assert (lowest.dtype, lowest.tolist()) == (np.float32, [np.float32(given)])
+    detector.score_threshold = 0.7
+    detector.detect_batch([_image(), _image()])
+    assert session.inputs["score_threshold"].tolist() == [np.float32(0.7)]
+    plain = FakeSession.with_trees(rgb_manifest, **two_trees)
+    TreeDetector(plain).detect(_image())
+    assert list(plain.inputs) == ["image"]
+
+
+def test_a_graph_without_the_input_that_its_manifest_names_is_rejected(
+    rgb_manifest: Manifest, two_trees: Trees, write_model: Callable[..., Path]
+) -> None:
+    path = write_model(_taking_scores(rgb_manifest))
+    with pytest.raises(ModelFileError, match=r"inputs are .* expected .*'score_threshold'"):
+        TreeDetector.load(path)
+    thresholds = {"score": 0.01, "nms_iou": 0.5, "score_input": "image"}
+    with pytest.raises(ModelFileError, match=r"score_input is 'image': expected 'score_threshold'"):
+        Thresholds(**thresholds)
+
+
+def _taking_scores(manifest: Manifest) -> Manifest:
+    thresholds = dataclasses.replace(manifest.thresholds, score_input=SCORE_INPUT)
+    return dataclasses.replace(manifest, thresholds=thresholds)
 
 
 def test_a_model_without_keypoints_and_masks_works(
