@@ -33,7 +33,15 @@ class FeaturePyramid(nn.Module):
 
     def forward(self, maps: list[Tensor]) -> list[Tensor]:
         """Map the backbone's maps, finest first, to one (B, width, h, w) map per level."""
-        merged = [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]
+        return self.joined(self.laterals(maps))
+
+    def laterals(self, maps: list[Tensor]) -> list[Tensor]:
+        """Map the backbone's maps, finest first, to maps of the pyramid's width."""
+        return [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]
+
+    def joined(self, merged: list[Tensor]) -> list[Tensor]:
+        """Combine lateral maps, finest first, top-down to one (B, width, h, w) map per level."""
+        merged = list(merged)
         for i in range(len(merged) - 1, 0, -1):
             up = functional.interpolate(merged[i], scale_factor=2.0, mode="nearest")
             merged[i - 1] = merged[i - 1] + up
