@@ -272,6 +272,13 @@ class ModelSpec(Settings, error=SpecError):
         channels = {"rgb": (3,), "depth": (), "both": (4,)}[self.modality]
         return (self.height, self.width, *channels)
 
+    @property
+    def pad_values(self) -> int | tuple[int, ...]:
+        """Value of the letterbox borders of a stored image; of `both` that of each channel."""
+        if self.modality != "both":
+            return self.pad_value
+        return (*(self.colour_pad_value,) * 3, self.pad_value)
+
     def to_dict(self) -> dict[str, Any]:
         """Convert to values that JSON can hold, without the colour fields but for `both`."""
         values = dataclasses.asdict(self)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self, cast
+from functools import reduce
+from typing import Self
 
 import torch
 from torch import Tensor, nn
@@ -52,6 +53,7 @@ class Trunk(nn.Module):
         self.pyramid = FeaturePyramid(
             self.backbone.channels, spec.fpn_width, spec.fpn_norm, level_6
         )
+        self.blend = Blend()
         self.colour_backbone: Backbone | None = None
         self.colour_lateral: nn.ModuleList | None = None
         if spec.colour_backbone is not None:
@@ -84,28 +86,28 @@ class Trunk(nn.Module):
         """
         found = by_name(images, self.spec)
         if self.spec.modality == "both":
-            parts = [self._shown_lateral(name, values) for name, values in found.items()]
-            maps = self.pyramid.joined(
-                [cast(Tensor, sum(level)) for level in zip(*parts, strict=True)]
-            )
+            maps = self.pyramid(self._blended(found), lateral=True)
         else:
             (values,) = found.values()
             maps = self.pyramid(self.backbone(self.normalise(values)))
         return dict(zip(self.spec.levels, maps, strict=True))
 
-    def _shown_lateral(self, name: str, images: Tensor) -> list[Tensor]:
-        """The pyramid's lateral maps of one of two inputs; zero for images that show nothing.
+    def _blended(self, images: dict[str, Tensor]) -> list[Tensor]:
+        """The lateral maps of the pyramid from colour and depth, or from one of them."""
+        assert self.spec.depth_encoding is not None
+        nothing = {COLOUR: 0, DEPTH: int(self.spec.depth_encoding["invalid_value"])}
+        shown = {name: _shows(values, nothing[name]) for name, values in images.items()}
+        parts = [self._lateral_of(name, values, shown[name]) for name, values in images.items()]
+        blended: list[Tensor] = self.blend(parts, list(shown.values()))
+        return blended
 
-        In training, images that show nothing do not take part in the statistics of batch norms.
+    def _lateral_of(self, name: str, images: Tensor, shown: Tensor) -> list[Tensor]:
+        """The lateral maps of one of two inputs.
+
+        In training, images that show nothing have no part in the statistics of batch norms.
         """
-        if name == COLOUR:
-            shown = images.flatten(1).amax(1) > 0
-        else:
-            assert self.spec.depth_encoding is not None
-            shown = (images != int(self.spec.depth_encoding["invalid_value"])).flatten(1).any(1)
         if not self.training or not shown.any():
-            factor = shown[:, None, None, None]
-            return [x * factor.to(x.dtype) for x in self._lateral(name, images)]
+            return self._lateral(name, images)
         (rows,) = shown.nonzero(as_tuple=True)
         maps = self._lateral(name, images[rows])
         return [x.new_zeros(len(images), *x.shape[1:]).index_copy(0, rows, x) for x in maps]
@@ -149,6 +151,33 @@ class Trunk(nn.Module):
         for part in self._fixed:
             part.eval()
         return self
+
+
+class Blend(nn.Module):
+    """The sum of the maps of several inputs; images that show nothing add nothing.
+
+    It is a module so that exports know its operators.
+    """
+
+    def forward(self, parts: list[list[Tensor]], shown: list[Tensor]) -> list[Tensor]:
+        """Add maps.
+
+        Args:
+            parts: Of each input, (B, C, h, w) maps by level.
+            shown: Of each input, (B,) bool, which images show something.
+        """
+        factors = [each[:, None, None, None] for each in shown]
+        scaled = [
+            [x * factor.to(x.dtype) for x in maps]
+            for maps, factor in zip(parts, factors, strict=True)
+        ]
+        return [reduce(torch.add, levels) for levels in zip(*scaled, strict=True)]
+
+
+def _shows(images: Tensor, nothing: int) -> Tensor:
+    """Which images of a uint8 batch hold anything but one value: (B,) bool."""
+    flat = images.flatten(1)
+    return (flat.amax(1) != nothing) | (flat.amin(1) != nothing)
 
 
 def _scales(std: Sequence[float]) -> bool:
