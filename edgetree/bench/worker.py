@@ -28,6 +28,7 @@ from edgetree.bench.sensors import EnergyCounter, sensor_values
 from edgetree.bench.speed import call_times_ms, model_record, peak_memory_mib
 from edgetree.bench.stages import stages_ms
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.input_images import by_input
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession
 
@@ -116,7 +117,7 @@ def _detail(job: Job) -> Record:
     size = detector.session.input_shapes[manifest.input.name][0]
     rows = size if isinstance(size, int) else 1
     pictures = [detector.prepare(frame.image) for frame in frames]
-    inputs = [{manifest.input.name: np.repeat(each[None], rows, axis=0)} for each in pictures]
+    inputs = [by_input(np.repeat(each[None], rows, axis=0), manifest) for each in pictures]
     times = network_times(path, job.session, inputs)
     one_frame = {part: ms / rows for part, ms in times.parts_ms.items()}
     placement = getattr(detector.session, "placement", {})

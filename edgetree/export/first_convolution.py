@@ -1,4 +1,4 @@
-"""Rewrite the first convolution of each backbone for 8 bits, to read the bytes of the image directly.
+"""Rewrite the first convolution of each backbone for 8 bits, to read the image's bytes directly.
 
 With one or three input channels at full resolution, the first convolution is slow in 8-bit
 runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride

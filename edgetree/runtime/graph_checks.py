@@ -60,15 +60,15 @@ def _read_manifest(session: InferenceSession) -> Manifest:
     manifest = Manifest.from_json(text)
     if manifest.depth_encoding is not None:
         calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
-    expected = manifest.input.image_shape
-    shapes = session.input_shapes
-    found = shapes.get(manifest.input.name, ())
-    if set(shapes) != {manifest.input.name} or found[1:] != expected:
-        raise ModelFileError(
-            f"the graph's inputs are {dict(shapes)}: expected {manifest.input.name!r} of shape"
-            f" (batch, {', '.join(map(str, expected))}), as in its manifest"
-        )
-    _check_size(manifest.input.name, found)
+    shapes, inputs = session.input_shapes, manifest.graph_inputs.values()
+    for target in inputs:
+        found = shapes.get(target.name, ())
+        if len(shapes) != len(inputs) or found[1:] != target.image_shape:
+            raise ModelFileError(
+                f"the graph's inputs are {dict(shapes)}: expected {target.name!r} of shape"
+                f" (batch, {', '.join(map(str, target.image_shape))}), as in its manifest"
+            )
+        _check_size(target.name, found)
     if set(session.output_shapes) != set(manifest.output_names):
         raise ModelFileError(
             f"the graph's outputs are {tuple(session.output_shapes)}: expected"

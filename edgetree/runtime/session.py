@@ -279,8 +279,10 @@ class FakeSession:
 
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
-        """Shape of the manifest's input."""
-        return {self.manifest.input.name: ("batch", *self.manifest.input.image_shape)}
+        """Shapes of the manifest's inputs."""
+        return {
+            each.name: ("batch", *each.image_shape) for each in self.manifest.graph_inputs.values()
+        }
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:

@@ -26,7 +26,9 @@ from edgetree.model_file.manifest import (
     Manifest,
     ResizeRule,
     Thresholds,
+    UsualRange,
     standard_input,
+    standard_inputs,
     standard_outputs,
 )
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
@@ -146,6 +148,21 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
 
 
 @pytest.fixture
+def both_manifest(depth_manifest: Manifest) -> Manifest:
+    """The manifest of a model of colour and depth, otherwise like `depth_manifest`."""
+    inputs = standard_inputs(384, 640, pad_values=(114, 255), no_depth=255)
+    usual = {"lightness": (70.0, 150.0), "median_m": (2.0, 12.0), "reading_percent": (40.0, 99.0)}
+    return dataclasses.replace(
+        depth_manifest,
+        name="test-both",
+        modality="both",
+        input=inputs[1],
+        inputs=inputs,
+        training_pictures=tuple(UsualRange(name, *limits) for name, limits in usual.items()),
+    )
+
+
+@pytest.fixture
 def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> ModelWriter:
     """A function that writes a model which finds `two_trees` in every image."""
 
@@ -158,10 +175,10 @@ def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> Mo
     ) -> Path:
         images = np.zeros((batch if isinstance(batch, int) else 1, 1))
         found = FakeSession.with_trees(manifest, **two_trees).run({manifest.input.name: images})
-        shape = (batch, *manifest.input.image_shape)
+        inputs = manifest.graph_inputs.values()
         content = onnx_bytes(
             [Node("Identity", (f"{key}_constant",), (key,)) for key in found],
-            inputs={manifest.input.name: TensorType("uint8", shape)},
+            inputs={each.name: TensorType("uint8", (batch, *each.image_shape)) for each in inputs},
             outputs={
                 key: TensorType(value.dtype.name, value.shape) for key, value in found.items()
             },
