@@ -295,10 +295,9 @@ def measure(
             tell(line)
     if opened is not None:
         note(model_words(*opened))
-    alone, depth_kind = result.trees.alone, kind_of_depth_words([result], rig)
-    for line in filter(
-        None, (opinion, alone and str(alone), result.scaling, result.turning, depth_kind)
-    ):
+    alone = "" if result.trees.alone is None else str(result.trees.alone)
+    depth_kind = kind_of_depth_words([result], rig)
+    for line in filter(None, (opinion, alone, result.scaling, result.turning, depth_kind)):
         note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)

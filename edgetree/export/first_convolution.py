@@ -33,11 +33,11 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     spec = model.spec
     size = spec.height, spec.width
     one_channel = spec.modality != "rgb"
-    model.normalise = _reading_bytes(  # type: ignore[method-assign]
+    model.normalise = _reading_bytes(  # type: ignore[method-assign,assignment]
         model.backbone, model.mean, model.std, size, one_channel
     )
     if model.colour_backbone is not None:
-        model.normalise_colour = _reading_bytes(  # type: ignore[method-assign]
+        model.normalise_colour = _reading_bytes(  # type: ignore[method-assign,assignment]
             model.colour_backbone, model.colour_mean, model.colour_std, size, False
         )
     model.spec = without_std(spec)

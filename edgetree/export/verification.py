@@ -162,10 +162,9 @@ def _average_precision(
     batch = manifest.input.batch_sizes[0]
     found: dict[str, tuple[float, float]] = {}
     for alone in ("", *(ALONE if manifest.takes_both else ())):
-        predicts = predict_with(model), predict_with_file(session, manifest)
-        if alone:
-            predicts = tuple(_alone(each, alone, model.spec) for each in predicts)
-        of_model, of_file = evaluate(predicts[0], store), evaluate(predicts[1], store, batch)
+        of_model = evaluate(_alone(predict_with(model), alone, model.spec), store)
+        predict = _alone(predict_with_file(session, manifest), alone, model.spec)
+        of_file = evaluate(predict, store, batch)
         for kind in ("box", "mask", "keypoint"):
             pair = getattr(of_model, f"{kind}_ap"), getattr(of_file, f"{kind}_ap")
             if None not in pair:
@@ -174,8 +173,8 @@ def _average_precision(
 
 
 def _alone(predict: Predict, alone: str, spec: ModelSpec) -> Predict:
-    """A prediction function that is shown one of colour and depth."""
-    return lambda images: predict(only(alone, images, spec))
+    """A prediction function that is shown one of colour and depth; "" for what there is."""
+    return (lambda images: predict(only(alone, images, spec))) if alone else predict
 
 
 def _unmeasured(spec: ModelSpec, measured: Mapping[str, object]) -> tuple[str, ...]:

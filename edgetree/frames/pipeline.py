@@ -19,7 +19,7 @@ from edgetree.frames.references import NO_FOCAL_LENGTH
 from edgetree.frames.rig import Rig
 from edgetree.frames.turning import Turn
 from edgetree.runtime.detector import TreeDetector
-from edgetree.runtime.pairs import ColourAndDepth
+from edgetree.runtime.pairs import ColourAndDepth, FrameImage
 
 if TYPE_CHECKING:
     from edgetree.measure import (
@@ -130,12 +130,11 @@ class FrameResult:
 def has_image_for(detector: TreeDetector, frame: Frame) -> bool:
     """Whether a frame has the image that the model takes, or one of the two."""
     manifest = detector.manifest
-    given = [] if manifest.takes_depth else [frame.image]
-    given += [frame.depth_m] if manifest.takes_depth or manifest.takes_both else []
-    return any(image is not None for image in given)
+    by_colour = frame.image is not None and not manifest.takes_depth
+    return by_colour or (frame.depth_m is not None and manifest.modality != "rgb")
 
 
-def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any] | ColourAndDepth:
+def image_for(detector: TreeDetector, frame: Frame) -> FrameImage:
     """The image of a frame that the model takes.
 
     Returns:
@@ -206,7 +205,7 @@ def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> 
     return FoundTrees.detected(trees, (time.perf_counter() - start) * 1000)
 
 
-def _turned(image: NDArray[Any] | ColourAndDepth, turn: Turn) -> NDArray[Any] | ColourAndDepth:
+def _turned(image: FrameImage, turn: Turn) -> FrameImage:
     if not isinstance(image, ColourAndDepth):
         return turn.picture(image)
     both = (image.image, image.depth_m)

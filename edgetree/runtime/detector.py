@@ -18,7 +18,13 @@ from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
 from edgetree.runtime.input_images import blank_image, by_input, check_image, to_bytes
-from edgetree.runtime.pairs import ColourAndDepth, PreparedImages, check_pair, prepare_pair
+from edgetree.runtime.pairs import (
+    ColourAndDepth,
+    FrameImage,
+    PreparedImages,
+    check_pair,
+    prepare_pair,
+)
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
 
@@ -122,7 +128,7 @@ class TreeDetector:
 
     def detect(
         self,
-        image: NDArray[Any] | ColourAndDepth | None = None,
+        image: FrameImage | None = None,
         depth_m: NDArray[Any] | None = None,
     ) -> TreeDetections:
         """Detect the trees in one image, or in colour and depth of one frame.
@@ -151,7 +157,7 @@ class TreeDetector:
             image = ColourAndDepth(image, depth_m)
         return self._detect_all([self._checked(image, "image")])[0]
 
-    def detect_batch(self, images: Sequence[NDArray[Any] | ColourAndDepth]) -> list[TreeDetections]:
+    def detect_batch(self, images: Sequence[FrameImage]) -> list[TreeDetections]:
         """Detect the trees in several images, which may differ in size.
 
         Images are run in batches of the size that the model file was exported for, or the largest
@@ -171,9 +177,7 @@ class TreeDetector:
             [self._checked(image, f"images[{index}]") for index, image in enumerate(images)]
         )
 
-    def _checked(
-        self, image: NDArray[Any] | ColourAndDepth | None, name: str
-    ) -> NDArray[Any] | ColourAndDepth:
+    def _checked(self, image: FrameImage | None, name: str) -> FrameImage:
         """The image that the model takes, or both of a frame; raises InputError."""
         manifest = self.manifest
         if manifest.takes_both:
@@ -185,7 +189,7 @@ class TreeDetector:
             )
         return check_image(image, name, manifest)
 
-    def prepare(self, image: NDArray[Any] | ColourAndDepth) -> NDArray[np.uint8]:
+    def prepare(self, image: FrameImage) -> NDArray[np.uint8]:
         """The network's input for one image: depth encoded, resized, and padded to its size.
 
         Args:
@@ -199,7 +203,7 @@ class TreeDetector:
         """
         return self._prepare(self._checked(image, "image")).pixels
 
-    def _prepare(self, image: NDArray[Any] | ColourAndDepth) -> PreparedImages:
+    def _prepare(self, image: FrameImage) -> PreparedImages:
         if isinstance(image, ColourAndDepth):
             assert self._encoding is not None
             found = prepare_pair(image, self.manifest, self._encoding)
@@ -210,7 +214,7 @@ class TreeDetector:
         pixels = letterbox.apply(to_bytes(image, self._encoding), pad_value)
         return PreparedImages(letterbox, pixels, None, self._unlike(pixels, letterbox))
 
-    def _detect_all(self, images: list[NDArray[Any] | ColourAndDepth]) -> list[TreeDetections]:
+    def _detect_all(self, images: list[FrameImage]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
         for size in self._batch_sizes(len(images)):
             found += self._detect_together(images[len(found) : len(found) + size], size)
@@ -226,9 +230,7 @@ class TreeDetector:
             yield size
             images -= size
 
-    def _detect_together(
-        self, images: list[NDArray[Any] | ColourAndDepth], batch: int
-    ) -> list[TreeDetections]:
+    def _detect_together(self, images: list[FrameImage], batch: int) -> list[TreeDetections]:
         """Run the graph once, on up to `batch` images."""
         prepared = [self._prepare(image) for image in images]
         pixels = [each.pixels for each in prepared]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,10 @@ class ColourAndDepth:
     depth_m: NDArray[Any] | None
     no_image: str = "there is no colour image"
     no_depth: str = "there is no depth"
+
+
+FrameImage: TypeAlias = NDArray[Any] | ColourAndDepth
+"""What a model takes of a frame."""
 
 
 @dataclass(frozen=True, eq=False)

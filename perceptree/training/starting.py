@@ -37,8 +37,10 @@ Init = Literal["imagenet", "coco"] | Path | Branches
 _BRANCHES = ("mask_head", "keypoint_head")
 _BACKBONE, _LATERAL = ("backbone.", "colour_backbone."), "pyramid.lateral."
 # Fields of the spec that must match for the weights to be valid, though no tensor shape shows it.
-_MUST_MATCH = ("backbone", "modality", "mean", "std", "stride_in_1x1")
-_MUST_MATCH += ("colour_backbone", "colour_mean", "colour_std")
+_MUST_MATCH = (
+    *("backbone", "modality", "mean", "std", "stride_in_1x1"),
+    *("colour_backbone", "colour_mean", "colour_std"),
+)
 
 
 def files_of(init: Init | None) -> list[Path]:
