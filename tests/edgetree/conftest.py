@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from both_model import manifest_of_both, model_bytes
 from numpy.typing import NDArray
 
 import calib
@@ -26,14 +27,10 @@ from edgetree.model_file.manifest import (
     Manifest,
     ResizeRule,
     Thresholds,
-    UsualRange,
     standard_input,
-    standard_inputs,
     standard_outputs,
 )
-from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.session import FakeSession
 from edgetree.samples import sample_frames
 
 ModelWriter = Callable[..., Path]
@@ -150,16 +147,7 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
 @pytest.fixture
 def both_manifest(depth_manifest: Manifest) -> Manifest:
     """The manifest of a model of colour and depth, otherwise like `depth_manifest`."""
-    inputs = standard_inputs(384, 640, pad_values=(114, 255), no_depth=255)
-    usual = {"lightness": (70.0, 150.0), "median_m": (2.0, 12.0), "reading_percent": (40.0, 99.0)}
-    return dataclasses.replace(
-        depth_manifest,
-        name="test-both",
-        modality="both",
-        input=inputs[1],
-        inputs=inputs,
-        training_pictures=tuple(UsualRange(name, *limits) for name, limits in usual.items()),
-    )
+    return manifest_of_both(depth_manifest)
 
 
 @pytest.fixture
@@ -173,18 +161,9 @@ def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> Mo
         with_manifest: bool = True,
         batch: int | str = "batch",
     ) -> Path:
-        images = np.zeros((batch if isinstance(batch, int) else 1, 1))
-        found = FakeSession.with_trees(manifest, **two_trees).run({manifest.input.name: images})
-        inputs = manifest.graph_inputs.values()
-        content = onnx_bytes(
-            [Node("Identity", (f"{key}_constant",), (key,)) for key in found],
-            inputs={each.name: TensorType("uint8", (batch, *each.image_shape)) for each in inputs},
-            outputs={
-                key: TensorType(value.dtype.name, value.shape) for key, value in found.items()
-            },
-            constants={f"{key}_constant": value for key, value in found.items()},
-            metadata={METADATA_KEY: manifest.to_json()} if with_manifest else {},
-        )
+        content = model_bytes(manifest, two_trees, batch)
+        if not with_manifest:
+            content = content.replace(METADATA_KEY.encode(), b"x" * len(METADATA_KEY))
         path = tmp_path / name
         path.write_bytes(content)
         return path
