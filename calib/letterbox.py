@@ -71,14 +71,14 @@ class Letterbox:
             [self.resized_width / self.source_width, self.resized_height / self.source_height]
         )
 
-    def apply(self, image: UInt8, pad_value: int) -> UInt8:
+    def apply(self, image: UInt8, pad_value: int | tuple[int, ...]) -> UInt8:
         """Resize and pad an image.
 
         Uses area averaging to shrink and bilinear interpolation to enlarge.
 
         Args:
             image: (source_height, source_width) or (source_height, source_width, C) uint8.
-            pad_value: Grey value of the padding, 0 to 255.
+            pad_value: Grey value of the padding, 0 to 255; or one of each channel.
 
         Returns:
             (height, width) or (height, width, C) uint8.

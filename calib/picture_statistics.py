@@ -18,6 +18,9 @@ _FLAT = 1e-6
 _USUAL: Final = (1.0, 99.0)
 _DIGITS: Final = 3
 
+DEPTH_STATISTICS: Final = ("reading_percent", "median_m", "spread_m", "top_bottom_m", "texture_m")
+"""Names of the statistics of depth; the others are of colour."""
+
 
 def picture_statistics(image: UInt8, encoding: DepthEncoding | None = None) -> dict[str, float]:
     """Compute the statistics of a picture.

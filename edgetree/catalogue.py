@@ -179,8 +179,9 @@ def other_model(modality: str, used: str) -> str | None:
     """Name of another packaged model for the same images: the default one, if it is another.
 
     Args:
-        modality: "rgb" or "depth".
+        modality: "rgb", "depth" or "both".
         used: Name of the model in use.
     """
     packaged = sorted(path.stem for path in _PACKAGED.glob(f"*-{modality}.onnx"))
-    return next((name for name in (DEFAULTS[modality], *packaged) if name != used), None)
+    usual = [DEFAULTS[modality]] if modality in DEFAULTS else []
+    return next((name for name in (*usual, *packaged) if name != used), None)

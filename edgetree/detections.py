@@ -54,6 +54,24 @@ class UnlikeTraining:
         return f"{self.words} is {self.value:.3g}{unit}, usually {self.low:.3g} to {self.high:.3g}"
 
 
+@dataclass(frozen=True)
+class OneImage:
+    """Which image a model of colour and depth used alone.
+
+    Attributes:
+        image: "colour" or "depth"; "neither" where both show nothing.
+        reason: Why the other one was left out, or both.
+    """
+
+    image: str
+    reason: str
+
+    def __str__(self) -> str:
+        if self.image == "neither":
+            return f"neither image shows anything: {self.reason}"
+        return f"found by {self.image} alone: {self.reason}"
+
+
 _Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
 
 
@@ -82,6 +100,8 @@ class TreeDetections:
         by_network: Whether a network drew masks and keypoints. Its edges are all off alike where a
             camera draws edges in another way than those of its training, so `measure_trees`
             corrects them by the depth. `TreeDetector` sets it.
+        alone: Which image a model of colour and depth used alone, and why; None if it used both,
+            and of other models.
 
     Raises:
         InputError: An array does not have the shape given above, contains values that are not
@@ -97,6 +117,7 @@ class TreeDetections:
     unlike: UnlikeTraining | None = None
     error_factor: float = 1.0
     by_network: bool = False
+    alone: OneImage | None = None
 
     def __post_init__(self) -> None:
         count = len(self.scores)

@@ -5,19 +5,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
-from edgetree.model_file.manifest import Manifest
+from edgetree.model_file.manifest import COLOUR, Manifest
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.input_images import by_input
 from edgetree.runtime.session import InferenceSession
 
 if TYPE_CHECKING:
     from perceptree.data import FrameStore
     from perceptree.evaluation import Predict, RawDetections, Report
+    from perceptree.models.spec import Modality
 
 
 def evaluate_file(
@@ -74,7 +76,8 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
         manifest: The model's manifest.
 
     Returns:
-        A function from uint8 images, at most the file's batch size, to raw detections.
+        A function from uint8 images, at most the file's batch size, to raw detections; of a model
+        of both inputs from (B, H, W, 4).
     """
     from perceptree.evaluation import RawDetections
 
@@ -82,7 +85,7 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
 
     def predict(images: UInt8) -> RawDetections:
         filled = np.concatenate([images, images[:1].repeat(batch - len(images), axis=0)])
-        found = session.run({manifest.input.name: filled})
+        found = session.run(by_input(filled, manifest))
         kept = {name: values[: len(images)] for name, values in found.items()}
         return RawDetections(
             kept["boxes"],
@@ -109,11 +112,14 @@ def frames_for(manifest: Manifest, frames: list[Any]) -> FrameStore:
 
     spec = make_spec(
         "edge-n",
-        "rgb" if manifest.modality == "rgb" else "depth",
+        cast("Modality", manifest.modality),
         height=manifest.input.height,
         width=manifest.input.width,
     )
     encoding = manifest.depth_encoding
+    if manifest.takes_both:
+        pad = manifest.pad_value_of(manifest.graph_inputs[COLOUR])
+        spec = dataclasses.replace(spec, colour_pad_value=pad)
     spec = dataclasses.replace(
         spec,
         pad_value=manifest.resize.pad_value,

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
-
-from numpy.typing import NDArray
+from typing import Final
 
 from basetree.arrays import Float32, Float64
 from calib import PinholeCamera
 from edgetree.frames.pipeline import image_for
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.pairs import ColourAndDepth, FrameImage
 from edgetree.samples import sample_frames
 from edgetree.sources import open_frames
 from edgetree.sources.source import readable
@@ -34,7 +33,7 @@ class BenchFrame:
         up_camera: (3,) direction opposite to gravity in the camera's frame, likewise.
     """
 
-    image: NDArray[Any]
+    image: FrameImage
     decode_ms: float
     depth_m: Float32 | None = None
     camera: PinholeCamera | None = None
@@ -71,6 +70,10 @@ def bench_frames(
 def _packaged(detector: TreeDetector) -> Iterator[BenchFrame]:
     for sample in sample_frames():
         start = time.perf_counter()
-        image = sample.depth_m() if detector.manifest.takes_depth else sample.image()
+        image: FrameImage = sample.image()
+        if detector.manifest.takes_depth:
+            image = sample.depth_m()
+        elif detector.manifest.takes_both:
+            image = ColourAndDepth(sample.image(), sample.depth_m())
         decode_ms = (time.perf_counter() - start) * 1000
         yield BenchFrame(image, decode_ms, sample.depth_m(), sample.camera, sample.up_camera)

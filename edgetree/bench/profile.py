@@ -32,6 +32,9 @@ PARTS: Final = ("trunk", "pyramid", "proposals", "heads")
 
 _WEIGHTS: Final = {
     "model.backbone.": "trunk",
+    "model.colour_backbone.": "trunk",
+    "model.colour_lateral.": "pyramid",
+    "model.blend": "pyramid",
     "model.pyramid.": "pyramid",
     "model.proposer.": "proposals",
     "model.box_head.": "heads",

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.pairs import FrameImage
 
 _WARMUP: Final = 3
 _MIN_RUNS: Final = 5
@@ -51,7 +51,7 @@ class BenchResult:
 
 def bench_detector(
     detector: TreeDetector,
-    images: Sequence[NDArray[Any]],
+    images: Sequence[FrameImage],
     *,
     duration_s: float = 5.0,
     on_run: Callable[[float], None] = lambda _: None,
@@ -81,7 +81,7 @@ def bench_detector(
 
 def call_times_ms(
     detector: TreeDetector,
-    images: Sequence[NDArray[Any]],
+    images: Sequence[FrameImage],
     *,
     batch: int = 1,
     duration_s: float = 5.0,

@@ -103,6 +103,7 @@ class Totals:
     turning: str | None = None
     faults: list[str] = field(default_factory=list)
     unlike: list[str] = field(default_factory=list)
+    alone: list[str] = field(default_factory=list)
     exponents: list[RangeExponent] = field(default_factory=list)
     checked_kinds: int = 0
     stems: PictureTracker | None = None
@@ -124,6 +125,8 @@ class Totals:
             self.faults.append(result.frame.depth_fault)
         if result.trees.unlike is not None:
             self.unlike.append(unlike_words(result.frame.name, result.trees.unlike))
+        if result.trees.alone is not None:
+            self.alone.append(f"{result.frame.name} {result.trees.alone}")
         if self.checked_kinds < _FRAMES_CHECKED and result.measurements is not None:
             self.checked_kinds += 1
             self.exponents += ground_exponents(result, self.rig)
@@ -155,6 +158,9 @@ class Totals:
         if self.unlike:
             count = f"{len(self.unlike)} of {counted(self.frames, 'frame')}"
             yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
+        if self.alone:
+            count = f"{len(self.alone)} of {counted(self.frames, 'frame')}"
+            yield f"{count} without one of colour and depth, the first: {self.alone[0]}"
 
     def _trees_words(self) -> str:
         """The number of trees, of different ones where they are followed."""

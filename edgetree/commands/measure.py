@@ -295,9 +295,9 @@ def measure(
             tell(line)
     if opened is not None:
         note(model_words(*opened))
-    for line in filter(
-        None, (opinion, result.scaling, result.turning, kind_of_depth_words([result], rig))
-    ):
+    alone = "" if result.trees.alone is None else str(result.trees.alone)
+    depth_kind = kind_of_depth_words([result], rig)
+    for line in filter(None, (opinion, alone, result.scaling, result.turning, depth_kind)):
         note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)

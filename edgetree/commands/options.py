@@ -316,7 +316,7 @@ def check_report(path: Path | None) -> None:
 def model_words(detector: TreeDetector, path: Path) -> str:
     """What a model is, for a note."""
     manifest = detector.manifest
-    images = "depth" if manifest.takes_depth else "colour"
+    images = manifest.images
     trained = manifest.training_data or "unknown data"
     return f"model: {path.name}, {manifest.precision} for {images} images, trained on {trained}"
 

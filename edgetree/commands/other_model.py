@@ -98,7 +98,10 @@ class OtherModel:
 
     def _is_called_for(self, result: FrameResult) -> bool:
         frame = result.frame
-        takes_depth = self._used.manifest.takes_depth
+        manifest = self._used.manifest
+        if manifest.takes_both:
+            return False
+        takes_depth = manifest.takes_depth
         if frame.depth_fault is not None or (frame.image if takes_depth else frame.depth_m) is None:
             return False
         return result.trees.unlike is not None or not _found(result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +20,43 @@ _CUTS: Final = (
     ("small", 0, slice(90, 350), slice(940, 1273)),
 )
 _BLANK_PX: Final = (480, 640)
+_ALONE: Final = {"odd": "colour", "small": "depth", "blank": "depth"}
+"""Frames that a model of both is given one image of."""
+
+FramePixels: TypeAlias = NDArray[Any] | tuple[NDArray[Any], NDArray[Any]]
+"""uint8 (H, W, 3) BGR, uint16 (H, W) millimetres with 0 for no reading, or both."""
 
 
-def frames_for(*, takes_depth: bool) -> Iterator[tuple[str, NDArray[Any]]]:
+def frames_for(modality: str) -> Iterator[tuple[str, FramePixels]]:
     """The name and the pixels of each frame.
 
     Args:
-        takes_depth: Whether the model takes depth.
-
-    Yields:
-        uint8 (H, W, 3) BGR, or uint16 (H, W) millimetres with 0 for no reading.
+        modality: What the model takes: `rgb`, `depth` or `both`. Of both some frames are colour
+            or depth alone.
     """
+    kinds = {"rgb": ("colour",), "depth": ("depth",), "both": ("colour", "depth")}[modality]
+    for name, both in _both():
+        alone = _ALONE.get(name) if len(kinds) > 1 else None
+        given = [both[kind] for kind in ((alone,) if alone else kinds)]
+        yield name, given[0] if len(given) == 1 else (given[0], given[1])
+
+
+def _both() -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
+    """The name of each frame, and its colour and depth."""
     samples = sample_frames()
     for sample in samples:
-        yield sample.name, _pixels(sample, takes_depth)
+        yield sample.name, _pixels(sample)
     for name, index, rows, columns in _CUTS:
-        yield name, np.ascontiguousarray(_pixels(samples[index], takes_depth)[rows, columns])
-    blank = np.zeros(_BLANK_PX, np.uint16) if takes_depth else np.zeros((*_BLANK_PX, 3), np.uint8)
-    yield "blank", blank
+        whole = _pixels(samples[index]).items()
+        yield name, {kind: np.ascontiguousarray(each[rows, columns]) for kind, each in whole}
+    yield (
+        "blank",
+        {
+            "colour": np.zeros((*_BLANK_PX, 3), np.uint8),
+            "depth": np.zeros(_BLANK_PX, np.uint16),
+        },
+    )
 
 
-def _pixels(sample: SampleFrame, takes_depth: bool) -> NDArray[Any]:
-    return in_millimetres(sample.depth_m()) if takes_depth else sample.image()
+def _pixels(sample: SampleFrame) -> dict[str, NDArray[Any]]:
+    return {"colour": sample.image(), "depth": in_millimetres(sample.depth_m())}

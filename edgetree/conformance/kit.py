@@ -3,6 +3,7 @@
 KIT/model.onnx        the model
 KIT/kit.json          the frames, the score threshold and what the model is
 KIT/frames/NAME.raw   pixels row by row: BGR bytes, or 16-bit little-endian millimetres
+KIT/frames/NAME.depth.raw   the depth beside the colour, for a model of both
 KIT/expected.json     the trees, in the form that programs write their results
 """
 
@@ -29,7 +30,7 @@ from basetree.files.json import read_json, refuse_repeated
 from basetree.files.limits import current_limits
 from basetree.files.names import is_inside
 from basetree.files.writing import replacing, text_file
-from edgetree.conformance.frames import frames_for
+from edgetree.conformance.frames import FramePixels, frames_for
 from edgetree.conformance.reference import Reference
 from edgetree.conformance.results import (
     MOST_FRAMES,
@@ -46,6 +47,7 @@ KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
 SCORE_THRESHOLD: Final = 0.15
 """Lower than for display, so that there are more trees, and trees found twice among them."""
 _MODEL, _EXPECTED, _FRAMES, _CONTENT = "model.onnx", "expected.json", "frames", "kit.json"
+_COLOUR: Final = 3
 _PIXELS: Final[dict[int, Any]] = {3: np.dtype("u1"), 1: np.dtype("<u2")}
 
 _Side = Annotated[int, Meta(ge=1, le=65_535)]
@@ -61,6 +63,8 @@ class KitFrame:
         width: Width in pixels.
         height: Height in pixels.
         channels: 3 for blue, green and red bytes; 1 for 16-bit millimetres, 0 = no reading.
+        depth_file: Path of 16-bit millimetres of the same size, beside colour for a model of both;
+            None if there are none.
 
     Raises:
         InputError: A value is out of range, or the path leaves the kit.
@@ -71,6 +75,7 @@ class KitFrame:
     width: _Side
     height: _Side
     channels: int
+    depth_file: str | None = None
 
     def __post_init__(self) -> None:
         if self.channels not in _PIXELS or self.width * self.height > current_limits().image_pixels:
@@ -79,16 +84,30 @@ class KitFrame:
                 f" channels, expected at most {current_limits().image_pixels} pixels, and 1 or 3"
             )
         _check_inside(f"frame {self.name!r}: file", self.file)
+        if self.depth_file is not None:
+            _check_inside(f"frame {self.name!r}: depth_file", self.depth_file)
+            if self.channels != _COLOUR:
+                raise InputError(
+                    f"frame {self.name!r} has a depth_file and {self.channels} channel, expected"
+                    f" {_COLOUR}"
+                )
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of its pixels: (H, W, 3) or (H, W)."""
-        return (self.height, self.width, self.channels)[: 3 if self.channels == 3 else 2]
+        return (self.height, self.width, self.channels)[: 3 if self.channels == _COLOUR else 2]
 
     @property
     def size_bytes(self) -> int:
         """Size of its file."""
         return int(_PIXELS[self.channels].itemsize) * math.prod(self.shape)
+
+    @property
+    def depth(self) -> KitFrame | None:
+        """Its depth as a frame of its own; None if there is none beside the colour."""
+        if self.depth_file is None:
+            return None
+        return dataclasses.replace(self, file=self.depth_file, channels=1, depth_file=None)
 
 
 @dataclass(frozen=True)
@@ -159,7 +178,7 @@ def make_kit(
     try:
         with writing.replacing_folder(folder) as new:
             (new / _FRAMES).mkdir()
-            for name, pixels in frames_for(takes_depth=manifest.takes_depth):
+            for name, pixels in frames_for(manifest.modality):
                 frames.append(_write_frame(new, name, pixels))
                 found.append(reference.detect_with_covered(name, pixels))
             kit = Kit(
@@ -188,7 +207,13 @@ def make_kit(
     return kit, expected
 
 
-def _write_frame(folder: Path, name: str, pixels: NDArray[Any]) -> KitFrame:
+def _write_frame(folder: Path, name: str, pixels: FramePixels) -> KitFrame:
+    if isinstance(pixels, tuple):
+        colour, depth = (
+            _write_frame(folder, each, plane)
+            for each, plane in zip((name, f"{name}.depth"), pixels, strict=True)
+        )
+        return dataclasses.replace(colour, depth_file=depth.file)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     file = f"{_FRAMES}/{name}.raw"
     with replacing(folder / file) as stream:
@@ -228,12 +253,18 @@ def read_expected(folder: Path) -> Results:
     return results
 
 
-def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
-    """Read the pixels of a frame: uint8 (H, W, 3) BGR, or uint16 (H, W) millimetres.
+def read_frame(folder: Path, frame: KitFrame) -> FramePixels:
+    """Read the pixels of a frame: uint8 (H, W, 3) BGR, uint16 (H, W) millimetres, or both.
 
     Raises:
         InputError: The file is missing or has another size than kit.json says.
     """
+    if frame.depth is not None:
+        return _read_pixels(folder, frame), _read_pixels(folder, frame.depth)
+    return _read_pixels(folder, frame)
+
+
+def _read_pixels(folder: Path, frame: KitFrame) -> NDArray[Any]:
     path = folder / frame.file
     try:
         if path.exists() and not path.is_file():

@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import platform
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib.depth.convention import in_metres
+from edgetree.conformance.frames import FramePixels
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
 from edgetree.detections import TreeDetections
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.duplicates import distinct_trees
+from edgetree.runtime.pairs import ColourAndDepth, FrameImage
 from edgetree.runtime.providers import CPU, import_onnxruntime
 
 _PROCESSORS: Final = {"x86_64": "x86-64", "amd64": "x86-64", "aarch64": "arm64"}
@@ -51,6 +52,8 @@ class Reference:
             model, provider=provider, threads=threads, score_threshold=score_threshold
         )
         session = self._detector.session
+        # Programs in other languages leave out no image that is unlike those of the training.
+        self._detector.manifest = dataclasses.replace(self.manifest, training_pictures=())
         self._all = TreeDetector(session, score_threshold=score_threshold)
         thresholds = dataclasses.replace(self.manifest.thresholds, mask_overlap=1.0)
         self._all.manifest = dataclasses.replace(self.manifest, thresholds=thresholds)
@@ -60,11 +63,11 @@ class Reference:
         """Description of the model."""
         return self._detector.manifest
 
-    def detect(self, pixels: NDArray[Any]) -> TreeDetections:
+    def detect(self, pixels: FramePixels) -> TreeDetections:
         """The trees in one frame, given as in `edgetree.conformance.kit.read_frame`."""
         return self._detector.detect(self._image(pixels))
 
-    def detect_with_covered(self, name: str, pixels: NDArray[Any]) -> FrameTrees:
+    def detect_with_covered(self, name: str, pixels: FramePixels) -> FrameTrees:
         """The trees in one frame, and those that were left out since a better one covers them."""
         kept, every = self.detect(pixels), self._all.detect(self._image(pixels))
         covered = []
@@ -91,14 +94,20 @@ class Reference:
             threads=session.threads,
         )
 
-    def _image(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """The image as `TreeDetector.detect` takes it: BGR, or metres."""
-        if pixels.ndim == 3 and not self.manifest.takes_depth:
-            return pixels
-        if pixels.ndim == 2 and self.manifest.takes_depth:
-            return in_metres(pixels, 0.001)
-        kind = "depth" if self.manifest.takes_depth else "colour"
-        raise InputError(f"a frame is {pixels.dtype} {pixels.shape}: the model takes {kind} images")
+    def _image(self, pixels: FramePixels) -> FrameImage:
+        """The image as `TreeDetector.detect` takes it: BGR, or metres, or both."""
+        manifest = self.manifest
+        images = pixels if isinstance(pixels, tuple) else (pixels,)
+        colour = next((each for each in images if each.ndim == 3), None)
+        depth = next((each for each in images if each.ndim == 2), None)
+        depth_m = None if depth is None else in_metres(depth, 0.001)
+        if manifest.takes_both:
+            return ColourAndDepth(colour, depth_m)
+        image = depth_m if manifest.takes_depth else colour
+        if image is None or len(images) > 1:
+            found = " and ".join(f"{each.dtype} {each.shape}" for each in images)
+            raise InputError(f"a frame is {found}: the model takes {manifest.images} images")
+        return image
 
 
 def _covering(kept: TreeDetections, covered: TreeDetections) -> int:

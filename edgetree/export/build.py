@@ -14,7 +14,7 @@ from basetree.arrays import UInt8
 from basetree.counts import counted
 from basetree.program.python import installed_version
 from edgetree.export.float16 import to_float16
-from edgetree.export.frames import frames_sha256, input_shape
+from edgetree.export.frames import frames_sha256
 from edgetree.export.quantise import quantise, weight_bits
 from edgetree.export.quiet import quiet
 from edgetree.export.rewrites import rewrite_for_export
@@ -23,11 +23,13 @@ from edgetree.model_file.manifest import (
     METADATA_KEY,
     SCORE_INPUT,
     ClassifierCost,
+    InputSpec,
     Manifest,
     ResizeRule,
     Thresholds,
     UsualRange,
     standard_input,
+    standard_inputs,
     standard_outputs,
 )
 from edgetree.runtime.session import InferenceSession, OrtSession
@@ -44,7 +46,7 @@ class ExportSource:
         model: The model, with the input size and thresholds of the file.
         training_data: id of the data that it was trained on.
         calibration_frames: (N, H, W, 3) or (N, H, W) uint8 prepared frames for the ranges of
-            activations. Needed unless the precision is `fp32`.
+            activations, (N, H, W, 4) of colour and depth. Needed unless the precision is `fp32`.
         training_pictures: How the pictures of that data look; empty if it is not known.
     """
 
@@ -155,21 +157,26 @@ def trace(
     import onnx
     import torch
 
+    from perceptree.models.inputs import COLOUR, DEPTH, by_name
+
     names = output_names(model.spec.masks, model.spec.keypoints)
     rewritten = rewrite_for_export(model, quantised=quantised)
+    pictures = (COLOUR, DEPTH) if model.spec.modality == "both" else ("image",)
 
     class Exported(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
             self.model = rewritten
 
-        def forward(
-            self, image: torch.Tensor, lowest_score: torch.Tensor | None = None
-        ) -> tuple[torch.Tensor, ...]:
-            found = rewritten.detect(image, every_row, lowest_score)._asdict()
+        def forward(self, *given: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            images = dict(zip(pictures, given, strict=False))
+            shown = images if len(pictures) > 1 else given[0]
+            found = rewritten.detect(shown, every_row, *given[len(pictures) :])._asdict()
             return tuple(found[name] for name in names)
 
-    inputs = {"image": torch.zeros(batch, *input_shape(model.spec), dtype=torch.uint8)}
+    blank = torch.zeros(batch, *model.spec.image_shape, dtype=torch.uint8)
+    examples = by_name(blank, model.spec).values()
+    inputs = {name: each.contiguous() for name, each in zip(pictures, examples, strict=True)}
     if not every_row:
         inputs[SCORE_INPUT] = torch.tensor([model.spec.score_threshold])
     with quiet():
@@ -206,6 +213,14 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
 
     spec: ModelSpec = model.spec
     model_input = standard_input(spec.modality, spec.height, spec.width)
+    inputs: tuple[InputSpec, ...] = ()
+    if spec.modality == "both":
+        assert spec.depth_encoding is not None
+        pads = spec.colour_pad_value, spec.pad_value
+        nothing = int(spec.depth_encoding["invalid_value"])
+        pair = standard_inputs(spec.height, spec.width, pad_values=pads, no_depth=nothing)
+        inputs = tuple(replace(each, batch_sizes=(settings.batch,)) for each in pair)
+        model_input = inputs[-1]
     return Manifest(
         name=spec.name,
         backbone=spec.backbone,
@@ -234,6 +249,7 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
         multiply_adds=multiply_adds(model),
         classifier=ClassifierCost(*classifier_cost(spec.backbone, spec.stride_in_1x1)),
         target=settings.target,
+        inputs=inputs,
     )
 
 

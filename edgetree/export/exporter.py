@@ -15,6 +15,7 @@ from edgetree.export.frames import read_calibration_frames, sample_inputs
 from edgetree.export.models import (
     UNTRAINED,
     load_model,
+    pictures_of,
     settings_from_manifest,
     untrained_model,
     with_settings,
@@ -92,7 +93,8 @@ def export_model(
             calibration_frames = read_calibration_frames(
                 calibration or data, model.spec, exclude=frames.paths
             )
-        source = ExportSource(model, training_data, calibration_frames, usual)
+        pictures = pictures_of(model, usual)
+        source = ExportSource(model, training_data, calibration_frames, pictures)
         return _build_verify_write(source, settings, frames, file, out, say)
 
 
@@ -111,7 +113,7 @@ def export_preset(
     Args:
         preset: Name of the preset.
         out: The file to write. It is not changed unless the export succeeds.
-        modality: `rgb` or `depth`.
+        modality: `rgb`, `depth` or `both`.
         settings: Precision, input size and other options.
         say: Called with progress messages.
 
@@ -160,7 +162,7 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     session = OrtSession(file)
     manifest = TreeDetector(session).manifest
     model, *_ = load_model(checkpoint)
-    if manifest.modality != model.spec.modality:
+    if model.spec.modality not in (manifest.modality, "both"):
         raise InputError(
             f"{file} takes {manifest.modality} frames: expected {model.spec.modality} frames,"
             f" as {checkpoint}"

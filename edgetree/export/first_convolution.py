@@ -1,4 +1,4 @@
-"""Rewrite the first convolution for 8 bits, to read the bytes of the image directly.
+"""Rewrite the first convolution of each backbone for 8 bits, to read the image's bytes directly.
 
 With one or three input channels at full resolution, the first convolution is slow in 8-bit
 runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride
@@ -9,18 +9,20 @@ is needed.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
-    from perceptree.models import TreeRCNN
+    from perceptree.models import ModelSpec, TreeRCNN
 
 _MAX_BYTE: Final = 255
+_STRIDE_5: Final = 32
 
 
 def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
-    """Change a model in place so that its first convolution reads 2x2 blocks of bytes.
+    """Change a model in place so that each first convolution reads 2x2 blocks of bytes.
 
     One value `zero`, the rounded mean over all channels, is subtracted from all bytes. The rest
     of each channel's mean comes from an additional channel of constant value: with weight w, pixel
@@ -28,28 +30,58 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     sum of the last term over the channels is the weight of the additional channel times its value.
     Around the image all channels are 0, as in the original, where 0 stands for the mean.
     """
+    spec = model.spec
+    size = spec.height, spec.width
+    one_channel = spec.modality != "rgb"
+    model.normalise = _reading_bytes(  # type: ignore[method-assign,assignment]
+        model.backbone, model.mean, model.std, size, one_channel
+    )
+    if model.colour_backbone is not None:
+        model.normalise_colour = _reading_bytes(  # type: ignore[method-assign,assignment]
+            model.colour_backbone, model.colour_mean, model.colour_std, size, False
+        )
+    model.spec = without_std(spec)
+
+
+def without_std(spec: ModelSpec) -> ModelSpec:
+    """The spec of a network whose weights have taken in the division by standard deviations."""
+    colour_std = tuple(1.0 for _ in spec.colour_std)
+    return dataclasses.replace(spec, std=(1.0,) * spec.channels, colour_std=colour_std)
+
+
+def _reading_bytes(
+    backbone: nn.Module, mean: Tensor, std: Tensor, size: tuple[int, int], one_channel: bool
+) -> Callable[[Tensor], Tensor]:
+    """Change the first convolution of a backbone; returns what prepares its images.
+
+    Args:
+        backbone: The backbone.
+        mean: (C, 1, 1) mean per channel.
+        std: (C, 1, 1) standard deviation per channel.
+        size: Height and width of the images.
+        one_channel: Whether the images are (B, H, W), else (B, H, W, 3).
+    """
     import torch
     from torch.nn import functional
 
-    spec = model.spec
-    means = torch.tensor(spec.mean)
+    means = mean.flatten()
     zero = int(means.mean().round())
-    name, first = _first_convolution(model)
-    weight = first.weight.detach() / model.std
+    name, first = _first_convolution(backbone)
+    weight = first.weight.detach() / std
     offset = (weight * (zero - means)[:, None, None]).sum(1, keepdim=True)
-    if spec.modality == "depth":
+    if one_channel:
         weight = weight.sum(1, keepdim=True)
     constant = bool((means != zero).any())
     if constant:
         weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
     convolution, borders = _block_convolution(weight, int(first.padding[0]))
-    model.backbone.set_submodule(name, convolution)
-    rows, columns = (32 * cells for cells in spec.map_size(5))
-    padding = (0, 0, 0, columns - spec.width, 0, rows - spec.height)
+    backbone.set_submodule(name, convolution)
+    down, across = (-side % _STRIDE_5 for side in size)
+    padding = (0, 0, 0, across, 0, down)
 
     def normalise(images: Tensor) -> Tensor:
         """uint8 images -> (B, 4C, H / 2, W / 2) float32 with `zero` subtracted, and padded."""
-        x = images if spec.modality == "rgb" else images[..., None]
+        x = images[..., None] if one_channel else images
         if constant:
             x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
         if any(padding):
@@ -59,15 +91,14 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
         x = x.reshape(batch, high // 2, wide // 2, 4 * channels).permute(0, 3, 1, 2)
         return functional.pad(x.float() - float(zero), borders)
 
-    model.normalise = normalise  # type: ignore[method-assign]
-    model.spec = dataclasses.replace(spec, std=(1.0,) * spec.channels)
+    return normalise
 
 
-def _first_convolution(model: TreeRCNN) -> tuple[str, nn.Conv2d]:
-    """The first convolution of the backbone, and its name."""
+def _first_convolution(backbone: nn.Module) -> tuple[str, nn.Conv2d]:
+    """The first convolution of a backbone, and its name."""
     from torch import nn
 
-    parts = model.backbone.named_modules()
+    parts = backbone.named_modules()
     name, first = next((name, part) for name, part in parts if isinstance(part, nn.Conv2d))
     side = first.kernel_size[0]
     if first.stride != (2, 2) or side % 2 == 0 or first.padding != (side // 2,) * 2:
@@ -105,7 +136,7 @@ def _block_convolution(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[i
 
 
 def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
-    """Quantisation parameters with which the subtraction gives the bytes of the image.
+    """Quantisation parameters with which the subtractions give the bytes of the images.
 
     The scale is 1 and the zero point is the value that is subtracted.
 
@@ -117,36 +148,42 @@ def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
     """
     import numpy as np
 
-    subtract, zero = _subtraction(model)
-    values = {"scale": np.array(1.0, np.float32), "zero_point": np.array(zero, np.uint8)}
-    return {subtract.output[0]: [values]}
+    return {
+        subtract.output[0]: [
+            {"scale": np.array(1.0, np.float32), "zero_point": np.array(zero, np.uint8)}
+        ]
+        for subtract, zero in _subtractions(model)
+    }
 
 
 def use_bytes_as_quantised(model: Any) -> None:
-    """Remove the conversion from bytes to floats and back to bytes from a quantised model."""
+    """Remove the conversions from bytes to floats and back to bytes from a quantised model."""
     graph = model.graph
-    subtract, _ = _subtraction(model)
-    cast = next(node for node in graph.node if subtract.input[0] in node.output)
-    (quantise,) = (node for node in graph.node if subtract.output[0] in node.input)
-    for node in graph.node:
-        node.input[:] = [
-            cast.input[0] if name == quantise.output[0] else name for name in node.input
-        ]
-    for node in (quantise, subtract, cast):
-        graph.node.remove(node)
+    for subtract, _ in _subtractions(model):
+        cast = next(node for node in graph.node if subtract.input[0] in node.output)
+        (quantise,) = (node for node in graph.node if subtract.output[0] in node.input)
+        for node in graph.node:
+            node.input[:] = [
+                cast.input[0] if name == quantise.output[0] else name for name in node.input
+            ]
+        for node in (quantise, subtract, cast):
+            graph.node.remove(node)
 
 
-def _subtraction(model: Any) -> tuple[Any, float]:
-    """The node that subtracts a constant from the bytes of the image, and that constant."""
+def _subtractions(model: Any) -> list[tuple[Any, float]]:
+    """The nodes that subtract a constant from the bytes of each image, and those constants."""
     from onnx import numpy_helper
 
     makers = {output: node for node in model.graph.node for output in node.output}
     values = {value.name: value for value in model.graph.initializer}
+    found: list[tuple[Any, float]] = []
     for node in model.graph.node:
         if node.op_type == "Sub" and node.input[1] in values:
             source = makers.get(node.input[0])
             if source is not None and source.op_type == "Cast":
-                return node, float(numpy_helper.to_array(values[node.input[1]]))
+                found.append((node, float(numpy_helper.to_array(values[node.input[1]]))))
+            if len(found) == len(model.graph.input):
+                return found
     raise ValueError(
-        "the graph does not subtract a constant from the image: expected one traced for quantising"
+        "the graph does not subtract a constant from each image: expected one traced for quantising"
     )

@@ -22,12 +22,10 @@ if TYPE_CHECKING:
     from perceptree.models import ModelSpec
 
 _CALIBRATION_FRAMES: Final = 64
+_ALL: Final = 1_000_000
+ALONE: Final = ("colour", "depth")
+_FRAMES_ALONE: Final = 8
 _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
-
-
-def input_shape(spec: ModelSpec) -> tuple[int, ...]:
-    """Shape of one frame as input of a model: (H, W, 3) for `rgb`, (H, W) for `depth`."""
-    return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
 
 
 def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> UInt8:
@@ -38,13 +36,39 @@ def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> UInt8:
         spec: Model with input size, padding and depth encoding.
 
     Returns:
-        uint8 frame of `input_shape(spec)`.
+        uint8 frame of the spec's `image_shape`.
     """
-    if spec.depth_encoding is not None:
-        encoding = calib.DepthEncoding.from_dict(dict(spec.depth_encoding))
-        image = calib.encode_depth(image, encoding)
+    return _letterboxed(image if spec.depth_encoding is None else _encoded(image, spec), spec)
+
+
+def prepare_pair(image: NDArray[Any], depth_m: NDArray[Any], spec: ModelSpec) -> UInt8:
+    """Encode and letterbox a frame of colour and depth, which have one size.
+
+    Args:
+        image: (h, w, 3) uint8 BGR.
+        depth_m: (h, w) float depth in metres.
+        spec: Model of both inputs.
+
+    Returns:
+        (H, W, 4) uint8 with the depth as the last channel.
+
+    Raises:
+        InputError: The two have different sizes.
+    """
+    if image.shape[:2] != depth_m.shape:
+        sizes = [f"{each.shape[1]}x{each.shape[0]} px" for each in (image, depth_m)]
+        raise InputError(f"colour is {sizes[0]} and depth {sizes[1]}: expected one size")
+    return _letterboxed(np.dstack([image, _encoded(depth_m, spec)]), spec)
+
+
+def _encoded(depth_m: NDArray[Any], spec: ModelSpec) -> UInt8:
+    encoding = calib.DepthEncoding.from_dict(dict(spec.depth_encoding or {}))
+    return calib.encode_depth(depth_m, encoding)
+
+
+def _letterboxed(image: UInt8, spec: ModelSpec) -> UInt8:
     height, width = image.shape[:2]
-    return calib.Letterbox.fit(width, height, spec.width, spec.height).apply(image, spec.pad_value)
+    return calib.Letterbox.fit(width, height, spec.width, spec.height).apply(image, spec.pad_values)
 
 
 def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = False) -> list[Path]:
@@ -116,14 +140,59 @@ def _test_split_names(folder: Path) -> frozenset[str]:
         raise InputError(f"{path}: not a COCO file ({error!r:.200}), expected images") from error
 
 
-def read_frames(paths: Sequence[Path], spec: ModelSpec) -> UInt8:
-    """Read and prepare frames: (N, H, W, 3) or (N, H, W) uint8, see `prepare_frame`."""
+def find_views(
+    folder: Path, modality: str, most: int, *, test_split: bool = False
+) -> list[tuple[Path, ...]]:
+    """Find at most `most` frames as the files of their images, as `find_frames` does.
+
+    Of `both` these are colour and depth, which belong together by their names without suffix.
+
+    Raises:
+        InputError: The folder does not exist, holds no images, or no pair of them.
+    """
+    if modality != "both":
+        return [(path,) for path in find_frames(folder, modality, most, test_split=test_split)]
+    colour, depth = (
+        find_frames(folder, kind, _ALL, test_split=test_split) for kind in ("rgb", "depth")
+    )
+    depth_of = {path.stem: path for path in depth}
+    pairs = [(path, depth_of[path.stem]) for path in colour if path.stem in depth_of]
+    if not pairs:
+        raise InputError(
+            f"folder {folder} has no pairs of colour and depth: expected files of the same names"
+        )
+    count = min(most, len(pairs))
+    return [pairs[i * len(pairs) // count] for i in range(count)]
+
+
+def read_frames(views: Sequence[Path | tuple[Path, ...]], spec: ModelSpec) -> UInt8:
+    """Read and prepare frames.
+
+    Args:
+        views: The file of each frame, or its files as in `find_views`.
+        spec: Model with input size, padding and depth encoding.
+
+    Returns:
+        (N, H, W, 3), (N, H, W) or (N, H, W, 4) uint8, see `prepare_frame` and `prepare_pair`.
+    """
+    return np.stack([_read(view if isinstance(view, tuple) else (view,), spec) for view in views])
+
+
+def _read(view: tuple[Path, ...], spec: ModelSpec) -> UInt8:
+    if spec.modality == "both":
+        colour, depth = view
+        try:
+            return prepare_pair(read_image(colour), calib.read_depth(depth), spec)
+        except InputError as error:
+            raise InputError(f"{colour}: {error}") from error
     read = read_image if spec.modality == "rgb" else calib.read_depth
-    return np.stack([prepare_frame(read(path), spec) for path in paths])
+    return prepare_frame(read(view[0]), spec)
 
 
 def read_calibration_frames(folder: Path, spec: ModelSpec, *, exclude: Sequence[Path]) -> UInt8:
-    """Read frames for calibration: (N, H, W, 3) or (N, H, W) uint8, at most 64.
+    """Read frames for calibration: at most 64, as `read_frames` gives them.
+
+    Of colour and depth, some frames show only one of the two.
 
     Args:
         folder: a dataset or a folder of images, see `find_frames`.
@@ -134,13 +203,33 @@ def read_calibration_frames(folder: Path, spec: ModelSpec, *, exclude: Sequence[
         InputError: The folder has no other frames.
     """
     excluded = {path.resolve() for path in exclude}
-    found = find_frames(folder, spec.modality, _CALIBRATION_FRAMES + len(excluded))
-    paths = [path for path in found if path.resolve() not in excluded][:_CALIBRATION_FRAMES]
-    if not paths:
+    found = find_views(folder, spec.modality, _CALIBRATION_FRAMES + len(excluded))
+    views = [view for view in found if view[0].resolve() not in excluded][:_CALIBRATION_FRAMES]
+    if not views:
         raise InputError(
             f"folder {folder} has no frames beside those compared on: expected some to calibrate on"
         )
-    return read_frames(paths, spec)
+    frames = read_frames(views, spec)
+    if spec.modality == "both":
+        for first, alone in enumerate(ALONE):
+            frames[first :: 2 * len(ALONE)] = only(alone, frames[first :: 2 * len(ALONE)], spec)
+    return frames
+
+
+def only(alone: str, frames: UInt8, spec: ModelSpec) -> UInt8:
+    """Frames of colour and depth with nothing in one of the two.
+
+    Args:
+        alone: What stays, `colour` or `depth`.
+        frames: (..., H, W, 4) uint8.
+        spec: Model of both inputs.
+    """
+    changed = frames.copy()
+    if alone == "depth":
+        changed[..., :3] = 0
+    else:
+        changed[..., 3] = int((spec.depth_encoding or {})["invalid_value"])
+    return changed
 
 
 def sample_inputs(spec: ModelSpec) -> UInt8:
@@ -148,6 +237,8 @@ def sample_inputs(spec: ModelSpec) -> UInt8:
     from edgetree.samples import sample_frames
 
     samples = sample_frames()
+    if spec.modality == "both":
+        return np.stack([prepare_pair(each.image(), each.depth_m(), spec) for each in samples])
     images = (s.image() if spec.modality == "rgb" else s.depth_m() for s in samples)
     return np.stack([prepare_frame(image, spec) for image in images])
 
@@ -155,19 +246,24 @@ def sample_inputs(spec: ModelSpec) -> UInt8:
 def edge_case_frames(spec: ModelSpec, real: UInt8) -> dict[str, UInt8]:
     """Edge cases by name: a frame with much padding, a blank frame, and noise.
 
+    Of colour and depth also the first frames with one of the two alone.
+
     Args:
         spec: Model with input size and padding.
-        real: (N, H, W, 3) or (N, H, W) prepared frames. The left half of the first one is
-            letterboxed for the case `padded`.
+        real: Prepared frames. The left half of the first one is letterboxed for the case `padded`.
     """
-    shape = input_shape(spec)
     half = real[0][:, : spec.width // 2]
     fit = calib.Letterbox.fit(half.shape[1], half.shape[0], spec.width, spec.height)
-    return {
-        "padded": fit.apply(half, spec.pad_value),
-        "blank": np.full(shape, spec.pad_value, np.uint8),
-        "noise": np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8),
+    cases = {
+        "padded": fit.apply(half, spec.pad_values),
+        "blank": np.full(spec.image_shape, spec.pad_values, np.uint8),
+        "noise": np.random.default_rng(0).integers(0, 256, spec.image_shape, dtype=np.uint8),
     }
+    if spec.modality == "both":
+        for alone in ALONE:
+            shown = only(alone, real[:_FRAMES_ALONE], spec)
+            cases |= {f"{alone} alone {number}": frame for number, frame in enumerate(shown)}
+    return cases
 
 
 def frames_sha256(frames: UInt8) -> str:

@@ -56,13 +56,13 @@ def frame_reader(model: Any, frames: UInt8) -> Any:
     """A calibration data reader of onnxruntime that gives frames in batches.
 
     Args:
-        model: An `onnx.ModelProto`; its input has the batch size.
-        frames: (N, H, W, 3) or (N, H, W) uint8 frames. Those that do not fill a batch are left
-            out. Fewer frames than one batch are repeated.
+        model: An `onnx.ModelProto`; its inputs have the batch size.
+        frames: (N, H, W, 3) or (N, H, W) uint8 frames, (N, H, W, 4) of colour and depth. Those
+            that do not fill a batch are left out. Fewer frames than one batch are repeated.
     """
     from onnxruntime.quantization import CalibrationDataReader
 
-    name = model.graph.input[0].name
+    names = [each.name for each in model.graph.input]
     batch = model.graph.input[0].type.tensor_type.shape.dim[0].dim_value
     count = max(len(frames) // batch, 1) * batch
     taken = frames[np.resize(np.arange(len(frames)), count)]
@@ -74,6 +74,11 @@ def frame_reader(model: Any, frames: UInt8) -> Any:
 
         def get_next(self) -> dict[str, UInt8] | None:
             images = next(self.waiting, None)
-            return None if images is None else {name: images}
+            if images is None:
+                return None
+            if len(names) == 1:
+                return {names[0]: images}
+            parts = (images[..., :3], images[..., 3])
+            return dict(zip(names, map(np.ascontiguousarray, parts), strict=True))
 
     return Reader()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
 from basetree.files.json import build
+from calib.picture_statistics import DEPTH_STATISTICS
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
 from edgetree.model_file.manifest import UsualRange
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from edgetree.model_file.manifest import Manifest
     from perceptree.models import TreeRCNN
+    from perceptree.models.branches import Inputs
 
 UNTRAINED = "untrained"
 """Id of the training data of a model without training."""
@@ -78,14 +80,17 @@ def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
 
     Args:
         model: The model; it is not changed.
-        settings: Input size, numbers of detections and proposals, and score threshold. Those that
-            are None stay as they are.
+        settings: Inputs, input size, numbers of detections and proposals, and score threshold.
+            Those that are None stay as they are.
 
     Raises:
-        SpecError: The network does not support the input size.
+        SpecError: The network does not support the input size, or does not have the inputs.
     """
     from perceptree.models import TreeRCNN
+    from perceptree.models.branches import pruned
 
+    if settings.inputs is not None:
+        model = pruned(model, cast("Inputs", settings.inputs))
     changes: dict[str, Any] = {
         "height": settings.height,
         "width": settings.width,
@@ -116,7 +121,14 @@ def settings_from_manifest(manifest: Manifest) -> ExportSettings:
         score_threshold=manifest.thresholds.score,
         opset=manifest.opset,
         target=manifest.target,
+        inputs="colour" if manifest.modality == "rgb" else manifest.modality,
     )
+
+
+def pictures_of(model: TreeRCNN, usual: tuple[UsualRange, ...]) -> tuple[UsualRange, ...]:
+    """The ranges of the statistics of the images that a model takes."""
+    kinds = {"rgb": (False,), "depth": (True,), "both": (False, True)}[model.spec.modality]
+    return tuple(each for each in usual if (each.statistic in DEPTH_STATISTICS) in kinds)
 
 
 def untrained_model(preset: str, modality: str, settings: ExportSettings) -> TreeRCNN:
@@ -128,7 +140,7 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
 
     Args:
         preset: Name of the preset.
-        modality: `rgb` or `depth`.
+        modality: `rgb`, `depth` or `both`.
         settings: Input size and other options.
 
     Raises:

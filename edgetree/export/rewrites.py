@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from edgetree.export.first_convolution import read_bytes_in_first_convolution
+from edgetree.export.first_convolution import read_bytes_in_first_convolution, without_std
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -51,13 +51,13 @@ def rewrite_for_export(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
 
 
 def _divide_in_first_convolution(model: TreeRCNN) -> None:
-    import dataclasses
-
     from torch import nn
 
-    first = next(part for part in model.backbone.modules() if isinstance(part, nn.Conv2d))
-    first.weight = nn.Parameter(first.weight.detach() / model.std)
-    model.spec = dataclasses.replace(model.spec, std=(1.0,) * model.spec.channels)
+    deviations = (model.std, model.colour_std)
+    for backbone, std in zip(model.backbones, deviations, strict=False):
+        first = next(part for part in backbone.modules() if isinstance(part, nn.Conv2d))
+        first.weight = nn.Parameter(first.weight.detach() / std)
+    model.spec = without_std(model.spec)
 
 
 def _shuffle_after_score(head: MaskHead, quantised: bool) -> None:

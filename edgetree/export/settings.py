@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from basetree.errors import InputError
-from basetree.settings import Settings, label, limits, names, option
+from basetree.settings import Settings, label, limits, names, option, shown_default
 
 OPSET: Final = 20
 PRECISIONS: Final = {"fp32": "float32", "fp16": "float16", "int8": "int8"}
@@ -33,6 +33,10 @@ class ExportSettings(Settings, error=InputError):
     """Region proposals per frame, which the box head classifies."""
     precision: str = field(default="fp32", metadata=names(PRECISIONS))
     """Numbers of the file: fp16 for GPUs; int8 for CPUs, OpenVINO and TensorRT."""
+    inputs: str | None = field(
+        default=None, metadata=names(("both", "depth", "colour")) | shown_default("all it has")
+    )
+    """Inputs of a model of colour and depth: the branch of the other one is left out."""
     score_threshold: float | None = field(
         default=None, metadata=limits(0, under=1, expected="0 or more, under 1")
     )

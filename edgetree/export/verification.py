@@ -14,13 +14,15 @@ from basetree.counts import counted
 from edgetree.evaluate import predict_with_file
 from edgetree.export.build import output_names
 from edgetree.export.comparison import UNMATCHED_FRAMES, Arrays, compare_frames
-from edgetree.export.frames import edge_case_frames, find_frames, read_frames
+from edgetree.export.frames import ALONE, edge_case_frames, find_views, only, read_frames
 from edgetree.export.limits import UNTRAINED_LIMITS, limits_of
 from edgetree.export.parity import ParityFailed, ParityReport
 from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.input_images import by_input
 from edgetree.runtime.session import InferenceSession
 
 if TYPE_CHECKING:
+    from perceptree.evaluation import Predict
     from perceptree.models import ModelSpec, TreeRCNN
 
 _COMPARED_FRAMES: Final = 20
@@ -42,8 +44,9 @@ class VerificationFrames:
     """Frames on which a file and its model are compared.
 
     Attributes:
-        images: Prepared frames by name, (H, W, 3) or (H, W) uint8.
-        paths: Files that they were read from; empty for samples of the package.
+        images: Prepared frames by name, uint8 of the spec's `image_shape`.
+        paths: Files that they were read from, of pairs those of colour; empty for samples of the
+            package.
         dataset: Folder of a dataset whose labels may give the average precision, or None.
     """
 
@@ -62,8 +65,9 @@ def read_verification_frames(data: Path, spec: ModelSpec) -> VerificationFrames:
     Raises:
         InputError: The folder has no frames.
     """
-    paths = find_frames(data, spec.modality, _COMPARED_FRAMES, test_split=True)
-    images = read_frames(paths, spec)
+    views = find_views(data, spec.modality, _COMPARED_FRAMES, test_split=True)
+    images = read_frames(views, spec)
+    paths = [view[0] for view in views]
     stems = [path.stem for path in paths]
     names = [
         stem if stems.count(stem) == 1 else str(path)
@@ -102,7 +106,7 @@ def verify(
     say(f"comparing on {counted(len(images), 'frame')}, {batch} at a time")
     compared = compare_frames(
         lambda batch_images: _detect(model, batch_images),
-        lambda batch_images: session.run({manifest.input.name: batch_images}),
+        lambda batch_images: session.run(by_input(batch_images, manifest)),
         images,
         manifest.precision,
         manifest.thresholds.score,
@@ -144,7 +148,8 @@ def _average_precision(
 ) -> dict[str, tuple[float, float]]:
     """Average precision in percent of model and file, by kind of result.
 
-    On the test split of a dataset, or else on its validation split. Empty without either.
+    On the test split of a dataset, or else on its validation split. Empty without either. Of a
+    model of colour and depth also with one of the two alone.
     """
     from perceptree.data import FrameStore, read_split
     from perceptree.evaluation import evaluate, predict_with
@@ -155,13 +160,21 @@ def _average_precision(
     store = FrameStore(read_split(data, split)[:_AP_FRAMES], model.spec)
     say(f"evaluating on {len(store)} labelled frames")
     batch = manifest.input.batch_sizes[0]
-    of_model = evaluate(predict_with(model), store)
-    of_file = evaluate(predict_with_file(session, manifest), store, batch)
-    pairs = {
-        name: (getattr(of_model, f"{name}_ap"), getattr(of_file, f"{name}_ap"))
-        for name in ("box", "mask", "keypoint")
-    }
-    return {name: pair for name, pair in pairs.items() if None not in pair}
+    found: dict[str, tuple[float, float]] = {}
+    for alone in ("", *(ALONE if manifest.takes_both else ())):
+        of_model = evaluate(_alone(predict_with(model), alone, model.spec), store)
+        predict = _alone(predict_with_file(session, manifest), alone, model.spec)
+        of_file = evaluate(predict, store, batch)
+        for kind in ("box", "mask", "keypoint"):
+            pair = getattr(of_model, f"{kind}_ap"), getattr(of_file, f"{kind}_ap")
+            if None not in pair:
+                found[f"{kind}, {alone} alone" if alone else kind] = pair
+    return found
+
+
+def _alone(predict: Predict, alone: str, spec: ModelSpec) -> Predict:
+    """A prediction function that is shown one of colour and depth; "" for what there is."""
+    return (lambda images: predict(only(alone, images, spec))) if alone else predict
 
 
 def _unmeasured(spec: ModelSpec, measured: Mapping[str, object]) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from edgetree.frames.references import NO_FOCAL_LENGTH
 from edgetree.frames.rig import Rig
 from edgetree.frames.turning import Turn
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.pairs import ColourAndDepth, FrameImage
 
 if TYPE_CHECKING:
     from edgetree.measure import (
@@ -126,23 +127,40 @@ class FrameResult:
         return self.found.detect_ms
 
 
-def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:
+def has_image_for(detector: TreeDetector, frame: Frame) -> bool:
+    """Whether a frame has the image that the model takes, or one of the two."""
+    manifest = detector.manifest
+    by_colour = frame.image is not None and not manifest.takes_depth
+    return by_colour or (frame.depth_m is not None and manifest.modality != "rgb")
+
+
+def image_for(detector: TreeDetector, frame: Frame) -> FrameImage:
     """The image of a frame that the model takes.
 
     Returns:
-        Colour, (H, W, 3) uint8 BGR, or depth, (H, W) float32 metres.
+        Colour, (H, W, 3) uint8 BGR, or depth, (H, W) float32 metres; for a model of both the two,
+        of which one may be None.
 
     Raises:
         InputError: The frame does not have it.
     """
-    takes_depth = detector.manifest.takes_depth
-    image = frame.depth_m if takes_depth else frame.image
-    if takes_depth and frame.filled_depth_m is not None:
-        image = frame.filled_depth_m
-    if image is None:
-        missing = "depth" if takes_depth else "colour image"
+    manifest = detector.manifest
+    if not has_image_for(detector, frame):
+        missing = {"rgb": "colour image", "depth": "depth"}.get(manifest.modality, "image")
         raise InputError(f"{frame.where} has no {missing}: expected one, as the model takes it")
+    depth_m = frame.depth_m if frame.filled_depth_m is None else frame.filled_depth_m
+    if manifest.takes_both:
+        return _both(frame, depth_m)
+    image = depth_m if manifest.takes_depth else frame.image
+    assert image is not None
     return image
+
+
+def _both(frame: Frame, depth_m: NDArray[np.float32] | None) -> ColourAndDepth:
+    """Colour and depth of a frame, without a depth that is unusable beside its colour."""
+    if frame.depth_fault is None or frame.image is None:
+        return ColourAndDepth(frame.image, depth_m)
+    return ColourAndDepth(frame.image, None, no_depth=frame.depth_fault)
 
 
 def process(
@@ -183,8 +201,16 @@ def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> 
     image = image_for(detector, frame)
     turn = (rig or Rig()).turn(frame)
     start = time.perf_counter()
-    trees = turn.back.trees(detector.detect(turn.picture(image)))
+    trees = turn.back.trees(detector.detect(_turned(image, turn)))
     return FoundTrees.detected(trees, (time.perf_counter() - start) * 1000)
+
+
+def _turned(image: FrameImage, turn: Turn) -> FrameImage:
+    if not isinstance(image, ColourAndDepth):
+        return turn.picture(image)
+    both = (image.image, image.depth_m)
+    colour, depth_m = (None if each is None else turn.picture(each) for each in both)
+    return replace(image, image=colour, depth_m=depth_m)
 
 
 def measure_frame(

@@ -14,7 +14,12 @@ from basetree.errors import InputError
 from calib import DepthFailure, check_depth
 from edgetree.errors import ModelFileError
 from edgetree.frames.frame import Frame
-from edgetree.frames.pipeline import FoundTrees, find_trees, measure_frame
+from edgetree.frames.pipeline import (
+    FoundTrees,
+    find_trees,
+    has_image_for,
+    measure_frame,
+)
 from edgetree.frames.rig import Rig
 from edgetree.live.results import LiveResult, followed, numbered_stems
 from edgetree.live.status import LiveStatus, StatusRecorder
@@ -198,13 +203,12 @@ class LivePipeline:
 
     def _detect(self) -> None:
         """The thread that detects."""
-        takes_depth = self._detector.manifest.takes_depth
-        kind = "depth" if takes_depth else "colour"
+        images = self._detector.manifest.images
         try:
             for arrived in self._frames:
                 frame = arrived.frame
-                if (frame.depth_m if takes_depth else frame.image) is None:
-                    self._leave_out(frame, f"without {kind}, which the model takes")
+                if not has_image_for(self._detector, frame):
+                    self._leave_out(frame, f"without {images}, which the model takes")
                     continue
                 self._recorder.begin("detect")
                 try:

@@ -11,7 +11,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from basetree.errors import InputError
@@ -24,9 +24,14 @@ SCHEMA: Final = "edgetree.manifest/1"
 SCORE_INPUT: Final = "score_threshold"
 """Name of the graph's optional input, see `Thresholds.score_input`."""
 RESIZE_RULE: Final = "letterbox-top-left"
-_LAYOUTS: Final = {"rgb": "BHWC", "depth": "BHW"}
-_CHANNELS: Final = {"rgb": (3,), "depth": (1, 3)}
-_COLOUR_ORDERS: Final = {"rgb": "BGR", "depth": "depth"}
+COLOUR: Final = "colour"
+DEPTH: Final = "depth"
+_LAYOUTS: Final = {"rgb": "BHWC", "depth": "BHW", "both": "BHW"}
+_CHANNELS: Final = {"rgb": (3,), "depth": (1, 3), "both": (1, 3)}
+_COLOUR_ORDERS: Final = {"rgb": "BGR", "depth": "depth", "both": "depth"}
+_MODALITIES: Final = "'rgb', 'depth' or 'both'"
+_NO_COLOUR: Final = 0
+_LARGEST_BYTE: Final = 255
 
 
 def _require(condition: bool, what: str, value: object, expected: str) -> None:
@@ -36,16 +41,19 @@ def _require(condition: bool, what: str, value: object, expected: str) -> None:
 
 @dataclass(frozen=True)
 class InputSpec:
-    """The graph's only input without a default.
+    """An input of the graph without a default.
 
     Attributes:
         name: Name of the input.
         height: Height in pixels.
         width: Width in pixels.
-        layout: The axes, "BHWC" for rgb models and "BHW" for depth models.
+        layout: The axes, "BHWC" of colour and "BHW" of depth.
         dtype: Always "uint8".
         colour_order: "BGR" or "depth".
         batch_sizes: Batch sizes that the export has verified.
+        pad_value: Value of the letterbox borders, where a model has several inputs; None is that of
+            the manifest's `resize`.
+        nothing: An image of this value alone stands for none, where a model has several inputs.
 
     Raises:
         ModelFileError: a value is out of range.
@@ -58,6 +66,8 @@ class InputSpec:
     dtype: str
     colour_order: str
     batch_sizes: tuple[int, ...] = (1,)
+    pad_value: int | None = None
+    nothing: int | None = None
 
     def __post_init__(self) -> None:
         _require(min(self.height, self.width) >= 32, "input size", self.size_text, "32x32 or more")
@@ -65,6 +75,10 @@ class InputSpec:
         sizes = self.batch_sizes
         expected = "at least one number, all of them 1 or more"
         _require(bool(sizes) and min(sizes) > 0, "input batch_sizes", sizes, expected)
+        for name in ("pad_value", "nothing"):
+            value = getattr(self, name)
+            fits = value is None or 0 <= value <= _LARGEST_BYTE
+            _require(fits, f"input {name}", value, f"0 to {_LARGEST_BYTE}")
 
     @property
     def size_text(self) -> str:
@@ -162,13 +176,14 @@ class Manifest:
     Attributes:
         name: Name of the model.
         backbone: Name of its backbone.
-        modality: "rgb" or "depth", the kind of image that the model takes.
+        modality: "rgb", "depth" or "both", the kind of image that the model takes. What is said of
+            the input is of the depth, where the model takes both.
         input: The graph's input.
         resize: How images are resized to the input.
         mean: Mean per channel, in the input's colour order; the graph subtracts it from the uint8
             values. Three values for a depth model that repeats its channel three times.
         std: Standard deviation per channel, likewise; the graph divides by it.
-        depth_encoding: `calib.DepthEncoding.to_dict()` of a depth model, else None.
+        depth_encoding: `calib.DepthEncoding.to_dict()` of a model that takes depth, else None.
         outputs: The graph's outputs, see `standard_outputs`.
         classes: Names of the classes.
         keypoint_names: `KEYPOINT_NAMES`, or empty for a model without keypoints.
@@ -192,6 +207,7 @@ class Manifest:
         training_pictures: How the pictures of the last training run look; empty in older files.
         error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `edgetree.measure.MeasureSettings` states; 1 in older files.
+        inputs: The colour input and the depth input of a model of both; empty for one input.
         schema: Version of this layout.
 
     Raises:
@@ -226,11 +242,12 @@ class Manifest:
     weight_bits: int | None = None
     training_pictures: tuple[UsualRange, ...] = ()
     error_factor: float = 1.0
+    inputs: tuple[InputSpec, ...] = ()
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:
         _require(self.schema == SCHEMA, "schema", self.schema, repr(SCHEMA))
-        _require(self.modality in _LAYOUTS, "modality", self.modality, "'rgb' or 'depth'")
+        _require(self.modality in _LAYOUTS, "modality", self.modality, _MODALITIES)
         smallest, largest = ERROR_FACTORS
         plausible = smallest <= self.error_factor <= largest
         expected = f"{smallest:g} to {largest:g}"
@@ -245,18 +262,56 @@ class Manifest:
             expected = f"{' or '.join(map(str, allowed))} number(s)"
             _require(len(values) in allowed, name, values, expected)
         has_encoding = self.depth_encoding is not None
-        expected = "a depth encoding for a depth model, and null for an rgb model"
-        _require(has_encoding == self.takes_depth, "depth_encoding", self.depth_encoding, expected)
+        expected = "a depth encoding for a model that takes depth, and null for an rgb model"
+        needs_encoding = self.modality != "rgb"
+        _require(has_encoding == needs_encoding, "depth_encoding", self.depth_encoding, expected)
         names = self.keypoint_names
         expected_names = KEYPOINT_NAMES if self.has_output("keypoints") else ()
         _require(names == expected_names, "keypoint_names", names, repr(expected_names))
         needed = {"boxes", "scores", "num_detections"}
         _require(all(map(self.has_output, needed)), "outputs", self.output_names, f"{needed}")
+        self._check_inputs()
+
+    def _check_inputs(self) -> None:
+        """Check the list of inputs, which a model of both has."""
+        found = tuple(each.name for each in self.inputs)
+        expected = (COLOUR, DEPTH) if self.modality == "both" else ()
+        _require(found == expected, "inputs", found, f"{expected} for {self.modality}")
+        if not self.inputs:
+            return
+        colour, depth = self.inputs
+        _require(depth == self.input, "input", self.input.name, "the depth of inputs")
+        shape = (colour.layout, colour.colour_order, colour.height, colour.width)
+        wanted = ("BHWC", "BGR", depth.height, depth.width)
+        _require(shape == wanted, "input colour", shape, repr(wanted))
+        for each in self.inputs:
+            _require(each.nothing is not None, f"input {each.name} nothing", None, "0 to 255")
 
     @property
     def takes_depth(self) -> bool:
-        """Whether the model takes depth images; otherwise it takes colour images."""
+        """Whether the model takes depth images alone."""
         return self.modality == "depth"
+
+    @property
+    def takes_both(self) -> bool:
+        """Whether the model takes colour and depth together, or either."""
+        return self.modality == "both"
+
+    @property
+    def images(self) -> str:
+        """The kind of images that the model takes, in words."""
+        return {"rgb": "colour", "depth": "depth", "both": "colour and depth"}[self.modality]
+
+    @property
+    def graph_inputs(self) -> dict[str, InputSpec]:
+        """The graph's inputs by kind, `colour` and `depth`, in the graph's order."""
+        if self.inputs:
+            return {each.name: each for each in self.inputs}
+        return {DEPTH if self.takes_depth else COLOUR: self.input}
+
+    def pad_value_of(self, target: InputSpec) -> int:
+        """Value of the letterbox borders of an input."""
+        return self.resize.pad_value if target.pad_value is None else target.pad_value
 
     @property
     def output_names(self) -> tuple[str, ...]:
@@ -297,7 +352,7 @@ def standard_input(modality: str, height: int, width: int) -> InputSpec:
     Raises:
         ModelFileError: Another modality, or a size below 32x32 px.
     """
-    _require(modality in _LAYOUTS, "modality", modality, "'rgb' or 'depth'")
+    _require(modality in _LAYOUTS, "modality", modality, _MODALITIES)
     layout, order = _LAYOUTS[modality], _COLOUR_ORDERS[modality]
     return InputSpec("image", height, width, layout, "uint8", order)
 
@@ -306,6 +361,27 @@ def optional_inputs(manifest: Manifest) -> dict[str, tuple[int | str, ...]]:
     """Shapes of the inputs that have a default in the graph, by name."""
     name = manifest.thresholds.score_input
     return {} if name is None else {name: (1,)}
+
+
+def standard_inputs(
+    height: int, width: int, *, pad_values: tuple[int, int], no_depth: int
+) -> tuple[InputSpec, InputSpec]:
+    """The colour input and the depth input of all models of this project that take both.
+
+    Args:
+        height: Height in pixels.
+        width: Width in pixels.
+        pad_values: Values of the letterbox borders, of colour and of depth.
+        no_depth: Value of a depth without reading.
+
+    Raises:
+        ModelFileError: a value is out of range.
+    """
+    colour, depth = (standard_input(modality, height, width) for modality in ("rgb", "depth"))
+    return (
+        replace(colour, name=COLOUR, pad_value=pad_values[0], nothing=_NO_COLOUR),
+        replace(depth, name=DEPTH, pad_value=pad_values[1], nothing=no_depth),
+    )
 
 
 def standard_outputs(

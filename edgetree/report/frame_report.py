@@ -139,6 +139,8 @@ class _Totals:
             words += f"; {result.frame.depth_fault}"
         if result.trees.unlike is not None:
             words += f"; unlike the training pictures: {result.trees.unlike}"
+        if result.trees.alone is not None:
+            words += f"; {result.trees.alone}"
         caption = f"<b>{escape(name)}</b> {escape(words)}"
         return parts.figure(_embedded(draw_frame(result)), caption, f"{name}: {words}", anchor)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from calib import encode_rle
-from edgetree.detections import KEYPOINT_NAMES, UnlikeTraining
+from edgetree.detections import KEYPOINT_NAMES, TreeDetections, UnlikeTraining
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Failure, PixelSize
 from edgetree.measure.estimates import interval_keys, interval_values
@@ -32,6 +33,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     tree's width in the picture, which needs neither depth nor camera. `metres` is the measurement,
     or null if there is none; `metres_need` then says which option is missing. `unlike_training` is
     the statistic that tells that the image looks unlike the training pictures, with advice; it is
+    there only then. `alone` says which image a model of colour and depth used alone, and why; it is
     there only then.
     """
     trees = result.trees
@@ -48,7 +50,11 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
         record["time_s"] = result.frame.time_s
     if trees.unlike is not None:
         record["unlike_training"] = _unlike_record(trees.unlike)
-    return record
+    return record | _alone(trees)
+
+
+def _alone(trees: TreeDetections) -> dict[str, Any]:
+    return {} if trees.alone is None else {"alone": asdict(trees.alone)}
 
 
 def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
@@ -86,7 +92,8 @@ def live_record(result: LiveResult) -> dict[str, Any]:
     """A live result as a JSON object of the schema `LIVE_SCHEMA`.
 
     `tree` counts the trees of the frame from 1 on; `track` is the number of the stem, the same
-    as long as it is followed. Lengths are in metres, pixel coordinates are continuous.
+    as long as it is followed. Lengths are in metres, pixel coordinates are continuous. `alone`
+    is as in `frame_record`.
     """
     frame, trees = result.frame, result.trees
     followed: dict[int | None, int | None] = dict(enumerate(result.found.tracks or ()))
@@ -113,7 +120,7 @@ def live_record(result: LiveResult) -> dict[str, Any]:
     }
     if result.metres_need is not None:
         record["metres_need"] = result.metres_need
-    return record
+    return record | _alone(trees)
 
 
 def track_record(track: TreeTrack) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from basetree.arrays import Float
 from calib.directions import level_rotation
 from edgetree.frames.frame import Frame
-from edgetree.frames.pipeline import find_trees, measure_frame
+from edgetree.frames.pipeline import find_trees, has_image_for, measure_frame
 from edgetree.frames.rig import Rig
 from edgetree.live.tracking import StemTracker
 from edgetree.measure import EXACT_RIG, Failure, MeasureSettings, StemAxis
@@ -54,9 +54,11 @@ class StemFinder:
 
     def add(self, frame: Frame) -> None:
         """Find the stems of one more frame with colour, depth, camera and without a fault."""
-        takes_depth = self._detector.manifest.takes_depth
-        image = frame.depth_m if takes_depth else frame.image
-        if image is None or frame.depth_m is None or frame.camera is None:
+        if (
+            not has_image_for(self._detector, frame)
+            or frame.depth_m is None
+            or frame.camera is None
+        ):
             return
         found = find_trees(frame, self._detector, self._rig)
         measured = measure_frame(frame, found, self._rig, self._settings).measurements or []

@@ -5,11 +5,13 @@
 
 from edgetree.catalogue import default_model
 from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.pairs import ColourAndDepth
 from edgetree.runtime.providers import PROVIDERS, SessionSettings
 from edgetree.runtime.session import FakeSession, InferenceSession
 
 __all__ = [
     "PROVIDERS",
+    "ColourAndDepth",
     "FakeSession",
     "InferenceSession",
     "SessionSettings",

@@ -17,7 +17,14 @@ from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
-from edgetree.runtime.input_images import check_image, to_bytes
+from edgetree.runtime.input_images import blank_image, by_input, check_image, to_bytes
+from edgetree.runtime.pairs import (
+    ColourAndDepth,
+    FrameImage,
+    PreparedImages,
+    check_pair,
+    prepare_pair,
+)
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
 
@@ -114,17 +121,26 @@ class TreeDetector:
         Args:
             rounds: Number of blank images.
         """
-        shape = self.manifest.input.image_shape
-        blank = np.full(shape, self.manifest.resize.pad_value, np.uint8)
+        blank = blank_image(self.manifest)
+        pair = ColourAndDepth(blank[..., :3], blank[..., 3]) if self.manifest.takes_both else blank
         for _ in range(rounds):
-            self.detect(blank)
+            self.detect(pair)
 
-    def detect(self, image: NDArray[Any]) -> TreeDetections:
-        """Detect the trees in one image.
+    def detect(
+        self,
+        image: FrameImage | None = None,
+        depth_m: NDArray[Any] | None = None,
+    ) -> TreeDetections:
+        """Detect the trees in one image, or in colour and depth of one frame.
+
+        A model takes of the two what it was made for. A model of colour and depth takes both, or
+        either: an image that is missing, black, without readings, or alone unlike those of the
+        training is left out, and `TreeDetections.alone` says so.
 
         Args:
-            image: An image of any size, contiguous or not. For an rgb model uint8 (H, W, 3), BGR
-                as read by OpenCV. For a depth model float (H, W), metres along the optical axis,
+            image: An image of any size, contiguous or not. For an rgb model and one of both uint8
+                (H, W, 3), BGR as read by OpenCV. A depth model takes its depth also here.
+            depth_m: Depth of the same camera and size: float (H, W), metres along the optical axis,
                 where 0.0, NaN and infinity mean no reading; or uint8 (H, W), encoded as described
                 in the manifest.
 
@@ -133,20 +149,22 @@ class TreeDetector:
             trees whose masks cover each other, only the one with the highest score.
 
         Raises:
-            InputError: `image` is not an array of this shape and dtype, is empty, or has negative
-                depths.
+            InputError: An image is not an array of this shape and dtype, is empty, or has negative
+                depths; or there is none that the model takes.
             ModelFileError: The model fails, or its outputs contradict its manifest.
         """
-        return self._detect_all([check_image(image, "image", self.manifest)])[0]
+        if depth_m is not None and not isinstance(image, ColourAndDepth):
+            image = ColourAndDepth(image, depth_m)
+        return self._detect_all([self._checked(image, "image")])[0]
 
-    def detect_batch(self, images: Sequence[NDArray[Any]]) -> list[TreeDetections]:
+    def detect_batch(self, images: Sequence[FrameImage]) -> list[TreeDetections]:
         """Detect the trees in several images, which may differ in size.
 
         Images are run in batches of the size that the model file was exported for, or the largest
         size it was verified for. An incomplete batch is filled up with blank images.
 
         Args:
-            images: Images as for `detect`.
+            images: Images as for `detect`; colour and depth of a frame as a `ColourAndDepth`.
 
         Returns:
             The result of `detect` for each image.
@@ -156,46 +174,60 @@ class TreeDetector:
             ModelFileError: As for `detect`.
         """
         return self._detect_all(
-            [
-                check_image(image, f"images[{index}]", self.manifest)
-                for index, image in enumerate(images)
-            ]
+            [self._checked(image, f"images[{index}]") for index, image in enumerate(images)]
         )
 
-    def prepare(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+    def _checked(self, image: FrameImage | None, name: str) -> FrameImage:
+        """The image that the model takes, or both of a frame; raises InputError."""
+        manifest = self.manifest
+        if manifest.takes_both:
+            pair = image if isinstance(image, ColourAndDepth) else ColourAndDepth(image, None)
+            return check_pair(pair, name, manifest)
+        if isinstance(image, ColourAndDepth):
+            image, name = (
+                (image.depth_m, "depth_m") if manifest.takes_depth else (image.image, name)
+            )
+        return check_image(image, name, manifest)
+
+    def prepare(self, image: FrameImage) -> NDArray[np.uint8]:
         """The network's input for one image: depth encoded, resized, and padded to its size.
 
         Args:
             image: An image as for `detect`.
 
         Returns:
-            (H, W, 3) or (H, W) of the manifest's input size.
+            (H, W, 3) or (H, W) of the manifest's input size; (H, W, 4) of both, the depth last.
 
         Raises:
             InputError: As for `detect`.
         """
-        return self._prepare(check_image(image, "image", self.manifest))[1]
+        return self._prepare(self._checked(image, "image")).pixels
 
     def inputs_of(self, prepared: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
         """The graph's inputs for prepared images: these, and the lowest score that is wanted.
 
         Args:
-            prepared: (B, H, W, 3) or (B, H, W) results of `prepare`.
+            prepared: (B, ...) results of `prepare`.
         """
-        inputs: dict[str, NDArray[Any]] = {self.manifest.input.name: prepared}
+        inputs: dict[str, NDArray[Any]] = dict(by_input(prepared, self.manifest))
         thresholds = self.manifest.thresholds
         if thresholds.score_input is not None:
             lowest = max(self.score_threshold, thresholds.score)
             inputs[thresholds.score_input] = np.array([lowest], np.float32)
         return inputs
 
-    def _prepare(self, image: NDArray[Any]) -> tuple[calib.Letterbox, NDArray[np.uint8]]:
+    def _prepare(self, image: FrameImage) -> PreparedImages:
+        if isinstance(image, ColourAndDepth):
+            assert self._encoding is not None
+            found = prepare_pair(image, self.manifest, self._encoding)
+            return replace(found, unlike=self._advised(found.unlike))
         target = self.manifest.input
         letterbox = calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
         pad_value = self.manifest.resize.pad_value
-        return letterbox, letterbox.apply(to_bytes(image, self._encoding), pad_value)
+        pixels = letterbox.apply(to_bytes(image, self._encoding), pad_value)
+        return PreparedImages(letterbox, pixels, None, self._unlike(pixels, letterbox))
 
-    def _detect_all(self, images: list[NDArray[Any]]) -> list[TreeDetections]:
+    def _detect_all(self, images: list[FrameImage]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
         for size in self._batch_sizes(len(images)):
             found += self._detect_together(images[len(found) : len(found) + size], size)
@@ -211,21 +243,15 @@ class TreeDetector:
             yield size
             images -= size
 
-    def _detect_together(self, images: list[NDArray[Any]], batch: int) -> list[TreeDetections]:
+    def _detect_together(self, images: list[FrameImage], batch: int) -> list[TreeDetections]:
         """Run the graph once, on up to `batch` images."""
-        target = self.manifest.input
         prepared = [self._prepare(image) for image in images]
-        letterboxes, pixels = [each[0] for each in prepared], [each[1] for each in prepared]
-        if batch > len(images):
-            blank = np.full(target.image_shape, self.manifest.resize.pad_value, np.uint8)
-            pixels += [blank] * (batch - len(images))
+        pixels = [each.pixels for each in prepared]
+        pixels += [blank_image(self.manifest)] * (batch - len(images))
         stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
         outputs = self.session.run(self.inputs_of(stacked))
         found = check_outputs(outputs, self.manifest, batch, self.session.name)
-        return [
-            self._to_image(rows, letterbox, self._unlike(image, letterbox))
-            for rows, letterbox, image in zip(found, letterboxes, pixels, strict=False)
-        ]
+        return [self._to_image(rows, each) for rows, each in zip(found, prepared, strict=False)]
 
     def _unlike(
         self, image: NDArray[np.uint8], letterbox: calib.Letterbox
@@ -235,17 +261,21 @@ class TreeDetector:
         if not usual:
             return None
         inner = image[: letterbox.resized_height, : letterbox.resized_width]
-        found = unlike_training(calib.picture_statistics(inner, self._encoding), usual)
+        return self._advised(
+            unlike_training(calib.picture_statistics(inner, self._encoding), usual)
+        )
+
+    def _advised(self, found: UnlikeTraining | None) -> UnlikeTraining | None:
+        """The same, with what to try."""
         if found is None:
             return None
         used = Path(self.session.name).stem
         advice = what_helps(self.manifest.modality, used, self.score_threshold)
         return replace(found, advice=advice)
 
-    def _to_image(
-        self, rows: ImageOutputs, letterbox: calib.Letterbox, unlike: UnlikeTraining | None
-    ) -> TreeDetections:
+    def _to_image(self, rows: ImageOutputs, prepared: PreparedImages) -> TreeDetections:
         """Select trees by score and map them from the model's input to the image."""
+        letterbox = prepared.letterbox
         width, height = letterbox.source_width, letterbox.source_height
         boxes = letterbox.to_source(rows.boxes.reshape(-1, 2)).reshape(-1, 4)
         in_view = (boxes[:, :2] < [width, height]).all(axis=1)
@@ -265,7 +295,8 @@ class TreeDetector:
             masks=None if rows.masks is None else rows.masks[shown],
             image_width=width,
             image_height=height,
-            unlike=unlike,
+            unlike=prepared.unlike,
+            alone=prepared.alone,
             error_factor=self.manifest.error_factor,
             by_network=True,
         )

@@ -65,17 +65,21 @@ def _read_manifest(session: InferenceSession) -> Manifest:
     manifest = Manifest.from_json(text)
     if manifest.depth_encoding is not None:
         calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
-    expected = manifest.input.image_shape
-    others = dict(session.input_shapes)
-    found = others.pop(manifest.input.name, ())
+    shapes, inputs = dict(session.input_shapes), manifest.graph_inputs.values()
+    wanted = {target.name: target.image_shape for target in inputs}
     optional = optional_inputs(manifest)
-    if others != optional or found[1:] != expected:
-        more = "".join(f" and {name!r} of shape {shape}" for name, shape in optional.items())
+    images = {name: shape[1:] for name, shape in shapes.items() if name not in optional}
+    if images != wanted or any(shapes.get(name) != shape for name, shape in optional.items()):
+        expected = [
+            *(f"{name!r} of shape (batch, {', '.join(map(str, wanted[name]))})" for name in wanted),
+            *(f"{name!r} of shape {shape}" for name, shape in optional.items()),
+        ]
         raise ModelFileError(
-            f"the graph's inputs are {dict(session.input_shapes)}: expected {manifest.input.name!r}"
-            f" of shape (batch, {', '.join(map(str, expected))}){more}, as in its manifest"
+            f"the graph's inputs are {shapes}: expected {' and '.join(expected)}, as in its"
+            " manifest"
         )
-    _check_size(manifest.input.name, found)
+    for target in inputs:
+        _check_size(target.name, shapes[target.name])
     if set(session.output_shapes) != set(manifest.output_names):
         raise ModelFileError(
             f"the graph's outputs are {tuple(session.output_shapes)}: expected"

@@ -86,7 +86,7 @@ def what_helps(modality: str, used: str, score_threshold: float) -> str:
     """What to try on pictures that are unlike those of the training, in the command line's words.
 
     Args:
-        modality: "rgb" or "depth".
+        modality: "rgb", "depth" or "both".
         used: Name of the model in use.
         score_threshold: The one in use.
     """

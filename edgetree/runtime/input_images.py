@@ -11,18 +11,21 @@ import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
 from calib.depth.convention import refuse_millimetres
-from edgetree.model_file.manifest import Manifest
+from edgetree.model_file.manifest import COLOUR, DEPTH, Manifest
 
 _LARGEST_SIDE_PX: Final = 32767
 
 
-def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
+def check_image(
+    image: object, name: str, manifest: Manifest, kind: str | None = None
+) -> NDArray[Any]:
     """Check that an image suits the model.
 
     Args:
         image: An image as for `TreeDetector.detect`.
         name: Name of the image in error messages.
         manifest: The model's manifest.
+        kind: Of a model of both inputs which one this is, `colour` or `depth`.
 
     Returns:
         The image as a contiguous array.
@@ -35,7 +38,7 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
         why = "; cv2.imread gives None for a file that it cannot read" if image is None else ""
         raise InputError(f"{name} is a {type(image).__name__}: expected a plain numpy array{why}")
     found = f"{image.dtype} {image.shape}"
-    if manifest.modality == "rgb":
+    if (kind or next(iter(manifest.graph_inputs))) == COLOUR:
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
             raise InputError(f"{name} is {found}: expected uint8 (H, W, 3) BGR")
     elif image.ndim != 2 or not (image.dtype == np.uint8 or image.dtype.kind == "f"):
@@ -65,6 +68,30 @@ def _check_depth(depth_m: NDArray[Any], name: str) -> None:
                 " front of the camera, and 0.0, NaN or an infinity where there is no reading"
             )
     refuse_millimetres(depth_m, f"depth {name}")
+
+
+def by_input(images: UInt8, manifest: Manifest) -> dict[str, UInt8]:
+    """Prepared images of a batch by the graph's inputs.
+
+    Args:
+        images: (B, H, W, 3) or (B, H, W) uint8; of a model of both (B, H, W, 4) with the depth as
+            the last channel.
+        manifest: The model's manifest.
+    """
+    if not manifest.takes_both:
+        return {manifest.input.name: images}
+    parts = {COLOUR: images[..., :3], DEPTH: images[..., 3]}
+    return {name: np.ascontiguousarray(part) for name, part in parts.items()}
+
+
+def blank_image(manifest: Manifest) -> UInt8:
+    """An image of padding alone, as `by_input` takes it without the batch axis."""
+    inputs = manifest.graph_inputs
+    planes = [
+        np.full(target.image_shape, manifest.pad_value_of(target), np.uint8)
+        for target in inputs.values()
+    ]
+    return planes[0] if len(planes) == 1 else np.dstack(planes)
 
 
 def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> UInt8:

@@ -283,10 +283,10 @@ class FakeSession:
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
         """Shapes of the manifest's inputs."""
-        image: dict[str, Shape] = {
-            self.manifest.input.name: ("batch", *self.manifest.input.image_shape)
+        images: dict[str, Shape] = {
+            each.name: ("batch", *each.image_shape) for each in self.manifest.graph_inputs.values()
         }
-        return image | optional_inputs(self.manifest)
+        return images | optional_inputs(self.manifest)
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:

@@ -105,7 +105,7 @@ class Model(TypedDict):
 
     path: str
     name: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     precision: str
     provider: str
 
@@ -161,7 +161,7 @@ class KnownModel(TypedDict):
 
     name: str
     path: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     precision: str
     size_bytes: Count
     input_px: Sides

@@ -170,7 +170,7 @@ class DemoErrors(TypedDict):
 class DemoModel(TypedDict):
     """What a model found in the sample frames."""
 
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     name: str
     precision: str
     input_width_px: Count
@@ -231,7 +231,7 @@ class Export(TypedDict):
     schema: Literal["edgetree.export/1"]
     model: str
     name: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     precision: str
     provider: str
     input_px: Sides

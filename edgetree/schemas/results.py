@@ -99,6 +99,13 @@ class Tree(TypedDict):
     metres_need: NotRequired[str | None]
 
 
+class Alone(TypedDict):
+    """Which image a model of colour and depth used alone, and why."""
+
+    image: Literal["colour", "depth", "neither"]
+    reason: str
+
+
 class Unlike(TypedDict):
     """How an image differs from those of the training."""
 
@@ -121,6 +128,7 @@ class Frame(TypedDict):
     trees: list[Tree]
     time_s: NotRequired[float]
     unlike_training: NotRequired[Unlike]
+    alone: NotRequired[Alone]
 
 
 class LiveTree(TypedDict):
@@ -169,6 +177,7 @@ class Live(TypedDict):
     trees: list[LiveTree]
     tracks: list[Track]  # type: ignore[valid-type]
     metres_need: NotRequired[str]
+    alone: NotRequired[Alone]
 
 
 class ShortStem(TypedDict):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -28,6 +28,7 @@ from perceptree.commands.shards import ShareOptions, location, print_shard
 if TYPE_CHECKING:
     from perceptree.evaluation.shards import SplitSource
     from perceptree.models import ModelSpec
+    from perceptree.models.branches import Inputs
 
 _BATCH = 4
 
@@ -55,6 +56,13 @@ def evaluate(
     data: Annotated[Path, typer.Argument(help="Folder of a dataset; with --shards also a URL.")],
     *,
     frames: SplitOptions,
+    inputs: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Which images a model of colour and depth is given: both, colour or depth.",
+        ),
+    ] = "both",
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for report.json and report.html, with plots and images."),
@@ -82,14 +90,19 @@ def evaluate(
     )
     from perceptree.evaluation.shards import SplitSource
     from perceptree.models import load_checkpoint
+    from perceptree.models.branches import pruned
 
     check_split(frames.split)
+    if inputs not in ("both", "colour", "depth"):
+        raise SettingsError(f"--inputs is {inputs!r}: expected both, colour or depth")
     if shards is not None or share.is_given:
+        if inputs != "both":
+            raise SettingsError("--inputs is given with --shards: expected one of them")
         source = SplitSource(location(data), *astuple(frames))
         _in_shards(checkpoint, source, device, shards, share, out, as_json)
         return
     model, record = load_checkpoint(checkpoint)
-    model = on_device(model, device)
+    model = on_device(pruned(model, cast("Inputs", inputs)), device)
     dataset = read_dataset(data, *astuple(frames))
     store = FrameStore(dataset.frames, model.spec)
     if out is not None:

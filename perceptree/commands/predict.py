@@ -70,6 +70,11 @@ def predict(
     if out.resolve() == folder.resolve():
         raise DatasetError(f"--out is {out}, the folder of the images: expected another")
     model, _ = load_checkpoint(checkpoint)
+    if model.spec.modality == "both":
+        raise SettingsError(
+            f"{checkpoint}: takes colour and depth together, expected a model of one of them; or"
+            " edgetree export and edgetree run"
+        )
     model = on_device(model, device)
     paths = find_pictures(folder)
     names = _drawing_names(paths)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -84,6 +84,7 @@ class DataOptions:
             "crowds-as-trees": self.crowds_as_trees or None,
             "exact-depth": self.exact_depth or None,
             "init-heads": start.init_heads,
+            "init-colour": start.init_colour,
         }
         for option, value in others.items():
             if value is not None:
@@ -108,7 +109,9 @@ class ModelOptions:
     modality: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Input of the model: depth or rgb.", show_default="depth"
+            metavar="NAME",
+            help="Input of the model: depth, rgb, or both.",
+            show_default="depth",
         ),
     ] = None
     height: Side = None
@@ -118,8 +121,8 @@ class ModelOptions:
 
     def check(self) -> None:
         """Check what needs no PyTorch; raises SettingsError."""
-        if self.modality not in (None, "rgb", "depth"):
-            raise SettingsError(f"--modality is {self.modality!r}: expected rgb or depth")
+        if self.modality not in (None, "rgb", "depth", "both"):
+            raise SettingsError(f"--modality is {self.modality!r}: expected rgb, depth or both")
 
     def spec(self, start: Init | None) -> ModelSpec:
         """The spec of the preset or the starting file.
@@ -131,14 +134,27 @@ class ModelOptions:
             SettingsError: If the options do not fit the starting file.
         """
         from perceptree.models import ModelSpec, load_checkpoint, make_spec
+        from perceptree.models.branches import joined_spec
+        from perceptree.training.starting import Branches
 
         changes = given(self, ModelSpec)
-        modality: Modality = "rgb" if changes.pop("modality", None) == "rgb" else "depth"
+        usual = "both" if isinstance(start, Branches) else "depth"
+        modality = cast("Modality", changes.pop("modality", usual))
         named = make_spec(self.model or _DEFAULT_MODEL, modality, **changes)
+        if isinstance(start, Branches):
+            depth, colour = (load_checkpoint(path)[0].spec for path in (start.depth, start.colour))
+            return self._resized(
+                joined_spec(depth, colour, named.name), named, changes, start.depth
+            )
         if not isinstance(start, Path):
             # Published weights were trained with the stride in the 3x3 convolutions.
             return dataclasses.replace(named, stride_in_1x1=False) if start else named
-        own = load_checkpoint(start)[0].spec
+        return self._resized(load_checkpoint(start)[0].spec, named, changes, start)
+
+    def _resized(
+        self, own: ModelSpec, named: ModelSpec, changes: dict[str, Any], start: Path
+    ) -> ModelSpec:
+        """The spec of a starting file with the input size of the options."""
         self._check_fit(named, own, start)
         if self.model is not None and named.name != own.name:
             changes = {"name": named.name, "height": named.height, "width": named.width} | changes
@@ -180,6 +196,13 @@ class StartOptions:
             show_default="random",
         ),
     ] = None
+    init_colour: Annotated[
+        Path | None,
+        typer.Option(
+            help="Checkpoint of an rgb model whose backbone a model of both inputs takes; --init is"
+            " then one of a depth model."
+        ),
+    ] = None
     init_heads: Annotated[
         Path | None,
         typer.Option(help="Checkpoint for the starting weights of all but the backbone."),
@@ -204,6 +227,8 @@ class StartOptions:
 
     def weights(self) -> Init | None:
         """The starting weights; None for random ones. Raises SettingsError."""
+        if self.init_colour is not None:
+            return self._branches(self.init_colour)
         if self.init is None:
             return None
         if self.init == "imagenet":
@@ -215,6 +240,16 @@ class StartOptions:
                 f"--init is {self.init!r}: expected imagenet, coco or a checkpoint file"
             )
         return Path(self.init)
+
+    def _branches(self, colour: Path) -> Init:
+        from perceptree.training.starting import Branches
+
+        if self.init is None or not Path(self.init).is_file():
+            raise SettingsError(
+                f"--init is {self.init!r} with --init-colour: expected a checkpoint of a depth"
+                " model"
+            )
+        return Branches(Path(self.init), colour)
 
 
 @dataclass(frozen=True)

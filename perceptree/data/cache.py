@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from basetree.arrays import Bool, UInt8
 from basetree.files.writing import replacing_folder
 from perceptree.data.coco import FrameRecord
-from perceptree.data.frames import Sample, load_sample, source_path
+from perceptree.data.frames import Sample, load_sample, source_path, source_paths
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 
@@ -139,7 +139,7 @@ class FrameCache:
         return Sample(image, boxes, keypoints, masks, ignored, self.exact)
 
     def image(self, index: int) -> UInt8:
-        """Return the image of frame `index`, (H, W) or (H, W, 3), without checking it."""
+        """Return the image of frame `index`, as a `Sample` has it, without checking it."""
         return np.array(self._images[index])
 
     def _unpack(self, rows: slice, packed: UInt8, shape: tuple[int, ...]) -> Bool:
@@ -200,17 +200,13 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
         spec.modality,
         spec.height,
         spec.width,
-        spec.pad_value,
+        spec.pad_values,
         spec.depth_encoding,
     ]
     digest = hashlib.sha256(json.dumps([*form, skip_broken]).encode())
     for frame in frames:
         path = source_path(frame, spec.modality)
-        try:
-            status = path.stat()
-            stamp = [status.st_size, status.st_mtime_ns]
-        except OSError:
-            stamp = []
+        stamp = [part for each in source_paths(frame, spec.modality) for part in _stamp(each)]
         identity = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
         identity += [frame.exact_stride_px] * frame.reads_exact(spec.modality)
         digest.update(json.dumps(identity).encode())
@@ -219,6 +215,15 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
             kind = "ignored" if tree.ignored else False
             digest.update(repr((kind, tree.segmentation)).encode())
     return digest.hexdigest()
+
+
+def _stamp(path: Path) -> list[int]:
+    """Size and modification time of a file; nothing of one that is missing."""
+    try:
+        status = path.stat()
+    except OSError:
+        return []
+    return [status.st_size, status.st_mtime_ns]
 
 
 def read_cache(folder: Path) -> FrameCache | None:
@@ -281,7 +286,7 @@ class _Writer:
 
     def __init__(self, folder: Path, spec: ModelSpec) -> None:
         self._folder = folder
-        self._shape = [spec.height, spec.width, *([3] if spec.modality == "rgb" else [])]
+        self._shape = list(spec.image_shape)
         self._images = (folder / _IMAGES).open("wb")
         self._masks = (folder / _MASKS).open("wb")
         self._names: list[str] = []

@@ -26,7 +26,7 @@ class Sample:
     """One frame in model px (continuous px of the letterboxed image).
 
     Attributes:
-        image: (H, W) or (H, W, 3) uint8.
+        image: (H, W), (H, W, 3) or (H, W, 4) uint8, see `ModelSpec.image_shape`.
         boxes: (N, 4) x0, y0, x1, y1.
         keypoints: (N, 5, 3) x, y, COCO visibility flag.
         masks: (N, H, W) bool; None if the data has none.
@@ -93,7 +93,7 @@ def _letterbox(frame: FrameRecord, spec: ModelSpec) -> Letterbox:
 
 def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> UInt8:
     _check_encoding(frame, spec)
-    return _letterbox(frame, spec).apply(read_frame(frame, spec.modality), spec.pad_value)
+    return _letterbox(frame, spec).apply(read_frame(frame, spec.modality), spec.pad_values)
 
 
 def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
@@ -155,13 +155,23 @@ def _check_encoding(frame: FrameRecord, spec: ModelSpec) -> None:
         )
 
 
-def source_path(frame: FrameRecord, modality: str) -> Path:
-    """Return the image file that a model of `modality` ("rgb" or "depth") reads.
+def source_paths(frame: FrameRecord, modality: str) -> tuple[Path, ...]:
+    """Return the image files that a model of `modality` reads: one, or two of "both".
 
     Raises:
         DatasetError: If the frame has no depth image.
     """
-    path: Path | None = frame.image_path if modality == "rgb" else frame.depth8_path
+    kinds = ("rgb", "depth") if modality == "both" else (modality,)
+    return tuple(source_path(frame, kind) for kind in kinds)
+
+
+def source_path(frame: FrameRecord, modality: str) -> Path:
+    """Return the image file that a model of `modality` reads, of "both" the colour image.
+
+    Raises:
+        DatasetError: If the frame has no depth image.
+    """
+    path: Path | None = frame.depth8_path if modality == "depth" else frame.image_path
     if path is None:
         raise DatasetError(
             f"{frame.image_path}: the dataset has no 8-bit depth image for it; expected one,"
@@ -174,11 +184,14 @@ def read_frame(frame: FrameRecord, modality: str) -> UInt8:
     """Read a frame's image.
 
     Returns:
-        For "rgb" the colour image (H, W, 3) BGR, for "depth" the 8-bit depth (H, W), uint8.
+        For "rgb" the colour image (H, W, 3) BGR, for "depth" the 8-bit depth (H, W), for "both"
+        (H, W, 4) with the depth as the last channel; uint8.
 
     Raises:
         DatasetError: If the file is missing, unreadable or of another size or type.
     """
+    if modality == "both":
+        return np.dstack([read_frame(frame, "rgb"), read_frame(frame, "depth")])
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
     try:

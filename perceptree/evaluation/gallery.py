@@ -160,13 +160,13 @@ def _make_example(measured: Measured, case: _Case) -> ExampleImage:
 
 
 def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:
-    """Yield the colour image, if there is one, and for depth models the depth image."""
+    """Yield the colour image, if there is one, and for models with depth the depth image."""
     try:
         yield read_frame(frame, "rgb")
     except DatasetError:
-        if modality == "rgb":
+        if modality != "depth":
             raise
-    if modality == "depth":
+    if modality != "rgb":
         yield picture_of_grey(read_frame(frame, "depth"))
 
 

@@ -169,7 +169,7 @@ def _groups(figures: Figures) -> str:
 
 def _pictures(measured: Measured) -> str:
     examples = example_images(measured)
-    both = measured.store.spec.modality == "depth"
+    both = measured.store.spec.modality != "rgb"
     depth = " Left: colour image. Right: depth, near is bright." if both else ""
     words = (
         f"{_sign(TRUTH, '□')} label, keypoints as rings {_sign(FOUND, '□')} detection, keypoints"

@@ -20,7 +20,7 @@ import torch
 from basetree.files.limits import current_limits
 from basetree.jobs import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
 from perceptree.data import SPLITS, Dataset, FrameRecord, FrameStore, read_dataset
-from perceptree.data.frames import source_path
+from perceptree.data.frames import source_paths
 from perceptree.evaluation.figures import About, figures_of
 from perceptree.evaluation.metrics import check_trees, measured_from
 from perceptree.evaluation.predictions import (
@@ -96,14 +96,17 @@ class SplitSource:
         if not is_url(self.data):
             return
         root = dataset.labels.root
-        paths = [source_path(frame, modality).relative_to(root) for frame in frames]
+        paths = [
+            path.relative_to(root) for frame in frames for path in source_paths(frame, modality)
+        ]
         fetch(open_store(self.data), [path.as_posix() for path in paths], root)
 
     def drop_images(self, frames: Sequence[FrameRecord], modality: str) -> None:
         """Remove the copies of images from a URL."""
         if is_url(self.data):
             for frame in frames:
-                source_path(frame, modality).unlink(missing_ok=True)
+                for path in source_paths(frame, modality):
+                    path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,8 @@ def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
 
     Returns:
         Multiply-adds by part, in the order of execution: `backbone`, `pyramid`,
-        `proposals`, `box_head` and, where the model has them, `mask_head` and
-        `keypoint_head`.
+        `proposals`, `box_head` and, where the model has them, `mask_head`, `keypoint_head` and
+        `colour`, the colour backbone with its way into the pyramid.
     """
     spec = model.spec
     height, width = (32 * cells for cells in spec.map_size(5))
@@ -64,6 +64,11 @@ def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
         if head is not None:
             pooled = torch.empty(regions, spec.fpn_width, cells, cells, device="meta")
             _, result[name] = _run(head, pooled)
+    if model.colour_backbone is not None and model.colour_lateral is not None:
+        image = torch.empty(1, 3, height, width, device="meta")
+        maps, result["colour"] = _run(model.colour_backbone, image)
+        for layer, x in zip(model.colour_lateral, maps, strict=True):
+            result["colour"] += _run(layer, x)[1]
     return result
 
 

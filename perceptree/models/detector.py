@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
-from torch.nn import functional
+from torch import Tensor
 
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import losses
-from perceptree.models.backbones import Backbone
 from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, nms_top_k
 from perceptree.models.decode import decode_keypoints
-from perceptree.models.fpn import FeaturePyramid
 from perceptree.models.heads import (
     BOX_CELLS,
     BOX_WEIGHTS,
@@ -23,6 +20,7 @@ from perceptree.models.heads import (
     KeypointHead,
     MaskHead,
 )
+from perceptree.models.inputs import Images
 from perceptree.models.losses import CountReducer, local_count
 from perceptree.models.matching import (
     RandomDraw,
@@ -33,8 +31,9 @@ from perceptree.models.matching import (
 )
 from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
-from perceptree.models.spec import MASK_CELLS, STRIDE_5, ModelSpec
+from perceptree.models.spec import MASK_CELLS, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
+from perceptree.models.trunk import Trunk
 from perceptree.settings.sampling import SampleSettings
 
 
@@ -56,114 +55,37 @@ class Detections(NamedTuple):
     """(B,) int64, number of detections in each image."""
 
 
-class TreeRCNN(nn.Module):
+class TreeRCNN(Trunk):
     """A two-stage tree detector with random weights.
 
-    Its methods take images as uint8 tensors of the spec's size: (B, H, W, 3) BGR, or (B, H, W)
-    encoded depth.
+    Its methods take images as `Trunk` does.
 
     Args:
         spec: Architecture and input of the network.
-
-    Attributes:
-        spec: As given.
-        mean: (C, 1, 1) mean of the input per channel, in 8-bit units.
-        std: (C, 1, 1) standard deviation of the input per channel, in 8-bit units.
 
     Raises:
         SpecError: If the spec's backbone cannot be built.
     """
 
-    mean: Tensor
-    std: Tensor
-
     def __init__(self, spec: ModelSpec) -> None:
-        super().__init__()
-        self.spec = spec
-        self.backbone = Backbone(
-            spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1
-        )
-        level_6 = spec.levels[-1] == 6
-        self.pyramid = FeaturePyramid(
-            self.backbone.channels, spec.fpn_width, spec.fpn_norm, level_6
-        )
+        super().__init__(spec)
         self.proposer = ProposalNetwork(spec)
         self.box_head = BoxHead(spec.fpn_width, spec.box_head_width)
         self.mask_head = MaskHead(spec.fpn_width, spec.mask_head_widths) if spec.masks else None
         self.keypoint_head = (
             KeypointHead(spec.fpn_width, spec.keypoint_head_widths) if spec.keypoints else None
         )
-        self.register_buffer("mean", torch.tensor(spec.mean)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(spec.std)[:, None, None], persistent=False)
-        self._fixed: list[nn.Module] = []
         # Convolutions on CPUs are fastest in this memory layout.
         self.to(memory_format=torch.channels_last)
 
-    def normalise(self, images: Tensor) -> Tensor:
-        """Subtract the mean and divide by the standard deviation.
-
-        Args:
-            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
-
-        Returns:
-            (B, C, H', W') float32, padded with zeros at the bottom and right to multiples of 32.
-
-        Raises:
-            ValueError: If the dtype or the shape is not the spec's.
-        """
-        shape = (self.spec.height, self.spec.width)
-        if self.spec.modality == "rgb":
-            expected: tuple[int, ...] = (*shape, 3)
-        else:
-            expected = shape
-        if tuple(images.shape[1:]) != expected or images.dtype != torch.uint8:
-            raise ValueError(
-                f"images are {images.dtype} of shape {tuple(images.shape)}, "
-                f"expected torch.uint8 of shape (B, {', '.join(map(str, expected))})"
-            )
-        x = images.permute(0, 3, 1, 2) if self.spec.modality == "rgb" else images[:, None]
-        x = x.float() - self.mean
-        if any(std != 1.0 for std in self.spec.std):
-            x = x / self.std
-        padding = [-side % STRIDE_5 for side in shape]
-        if any(padding):
-            x = functional.pad(x, (0, padding[1], 0, padding[0]))
-        return x.contiguous(memory_format=torch.channels_last)
-
-    def features(self, images: Tensor) -> tuple[dict[int, Tensor], ProposalMaps]:
+    def features(self, images: Images) -> tuple[dict[int, Tensor], ProposalMaps]:
         """Compute the pyramid maps of uint8 images by level, and the proposal network's output."""
-        maps = self.pyramid(self.backbone(self.normalise(images)))
-        return dict(zip(self.spec.levels, maps, strict=True)), self.proposer(maps)
-
-    def freeze(self, level: int = 0, norms: bool = False) -> None:
-        """Exclude parts of the backbone from training, in place of those excluded before.
-
-        Args:
-            level: Freeze everything up to the maps of stride `2**level`; 0 freezes nothing, 2
-                is Detectron2's FREEZE_AT 2.
-            norms: Freeze all batch norms of the backbone, as Detectron2 does.
-        """
-        stages = [part for reached, part in self.backbone.stages() if reached <= level]
-        kinds = [
-            m for m in self.backbone.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
-        ]
-        for part in self._fixed:
-            part.requires_grad_(True)
-        self._fixed = [*stages, *(kinds if norms else [])]
-        for part in self._fixed:
-            part.requires_grad_(False)
-        self.train(self.training)
-
-    def train(self, mode: bool = True) -> TreeRCNN:
-        """Set training or eval mode as in torch; frozen parts stay in eval mode."""
-        super().train(mode)
-        for part in self._fixed:
-            part.eval()
-        return self
+        maps = self.maps(images)
+        return maps, self.proposer(list(maps.values()))
 
     def losses(
         self,
-        images: Tensor,
+        images: Images,
         targets: Sequence[TreeTargets],
         sampling: SampleSettings | None = None,
         draw: RandomDraw = uniform_draw,
@@ -172,7 +94,7 @@ class TreeRCNN(nn.Module):
         """Compute the training losses of a batch. Their sum is to be minimised.
 
         Args:
-            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+            images: The images, as the class takes them.
             targets: One per image, with masks if the model has a mask head.
             sampling: How anchors and regions are sampled.
             draw: Source of the random numbers for the sampling.
@@ -187,8 +109,9 @@ class TreeRCNN(nn.Module):
         """
         sampling = sampling or SampleSettings()
         maps, proposal_maps = self.features(images)
-        with torch.autocast(images.device.type, enabled=False):
-            trees = pad_boxes(targets, images.device)
+        device = self.mean.device
+        with torch.autocast(device.type, enabled=False):
+            trees = pad_boxes(targets, device)
             anchors = torch.cat(self.proposer.anchors())
             with torch.no_grad():
                 match = match_anchors(anchors, trees, sampling, draw)
@@ -198,7 +121,7 @@ class TreeRCNN(nn.Module):
                 sample = sample_regions(proposals.boxes, proposals.valid, trees, sampling, draw)
             result = losses.proposal_losses(proposal_maps, anchors, match, trees, mean_count)
         regions = sample.boxes.flatten(0, 1)
-        rows = torch.arange(len(targets), device=images.device)
+        rows = torch.arange(len(targets), device=device)
         owner = rows.repeat_interleave(sample.boxes.shape[1])
         pooler = RegionPooler(maps, self.spec.roi_levels, self.spec.roi_samples)
         logits, shifts = self.box_head(pooler(regions, owner, BOX_CELLS))
@@ -236,7 +159,7 @@ class TreeRCNN(nn.Module):
         return result
 
     def detect(
-        self, images: Tensor, every_row: bool = False, lowest_score: Tensor | None = None
+        self, images: Images, every_row: bool = False, lowest_score: Tensor | None = None
     ) -> Detections:
         """Detect trees.
 
@@ -244,13 +167,13 @@ class TreeRCNN(nn.Module):
         can be traced.
 
         Args:
-            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+            images: The images, as the class takes them.
             every_row: Whether the mask and keypoint heads run on all K rows, not only on those
                 with a box. That is slower, but no shape within depends on the images.
             lowest_score: (1,) float32, takes the place of the spec's `score_threshold`.
 
         Raises:
-            ValueError: If the dtype or the shape is not the spec's.
+            ValueError: If the images are not of the spec's kinds, dtype or shape.
         """
         maps, proposal_maps = self.features(images)
         spec = self.spec

@@ -31,9 +31,14 @@ class FeaturePyramid(nn.Module):
         self.output = nn.ModuleList(_convolution(width, width, 3, norm) for _ in in_channels)
         self.level_6 = level_6
 
-    def forward(self, maps: list[Tensor]) -> list[Tensor]:
-        """Map the backbone's maps, finest first, to one (B, width, h, w) map per level."""
-        merged = [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]
+    def forward(self, maps: list[Tensor], lateral: bool = False) -> list[Tensor]:
+        """Map the backbone's maps, finest first, to one (B, width, h, w) map per level.
+
+        Args:
+            maps: The maps.
+            lateral: Whether they have been through `laterals`.
+        """
+        merged = list(maps) if lateral else self.laterals(maps)
         for i in range(len(merged) - 1, 0, -1):
             up = functional.interpolate(merged[i], scale_factor=2.0, mode="nearest")
             merged[i - 1] = merged[i - 1] + up
@@ -41,3 +46,7 @@ class FeaturePyramid(nn.Module):
         if self.level_6:
             made.append(functional.max_pool2d(made[-1], kernel_size=1, stride=2))
         return made
+
+    def laterals(self, maps: list[Tensor]) -> list[Tensor]:
+        """Map the backbone's maps, finest first, to maps of the pyramid's width."""
+        return [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]

@@ -75,6 +75,8 @@ _RGB_BACKBONES = {"edge-n": "efficientnet_lite0", "edge-s": "efficientnet_lite0"
 
 PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
 
+_COLOUR_PAD_VALUE = 114
+
 # Default levels of a light model, and its anchor size at stride 1 for an input 640 px wide.
 _LIGHT_LEVELS = (3, 4, 5)
 _LIGHT_ANCHOR_PX = 5.0
@@ -91,7 +93,7 @@ def make_spec(
 
     Args:
         preset: A name of `PRESETS`.
-        modality: `rgb` or `depth`.
+        modality: `rgb`, `depth` or `both`; `both` only for light models.
         height: Input height, px; by default 480 for `edge-s`, 384 for the other light models, 720
             for the paper's.
         width: Input width, px; by default 800 for `edge-s`, 640 for the other light models, 1280
@@ -107,6 +109,8 @@ def make_spec(
         >>> (spec.height, spec.width, spec.backbone)
         (384, 640, 'mobilenetv4_conv_small')
     """
+    if modality == "both" and preset in PAPER_PRESETS:
+        raise SpecError(f"model is {preset} for both: expected one of: {', '.join(EDGE_PRESETS)}")
     if preset in PAPER_PRESETS:
         values = _PAPER | PAPER_PRESETS[preset]
         height, width = height or 720, width or 1280
@@ -125,16 +129,23 @@ def make_spec(
             (_LIGHT_ANCHOR_PX * 2**n * width / 640.0,) for n in levels
         )
         depth = {"mean": (128.0,), "std": (80.0,)}
-        values |= depth if modality == "depth" else {"mean": IMAGENET_MEAN, "std": IMAGENET_STD}
+        values |= {"mean": IMAGENET_MEAN, "std": IMAGENET_STD} if modality == "rgb" else depth
+        if modality == "both":
+            values |= {
+                "colour_backbone": _RGB_BACKBONES.get(preset, values["backbone"]),
+                "colour_mean": IMAGENET_MEAN,
+                "colour_std": IMAGENET_STD,
+                "colour_pad_value": _COLOUR_PAD_VALUE,
+            }
     else:
         raise SpecError(f"model is {preset!r}, expected one of: {', '.join(PRESETS)}")
     values |= {
-        "pad_value": 255 if modality == "depth" else 114,
-        "depth_encoding": dict(LINEAR_20_M) if modality == "depth" else None,
+        "pad_value": _COLOUR_PAD_VALUE if modality == "rgb" else 255,
+        "depth_encoding": None if modality == "rgb" else dict(LINEAR_20_M),
     }
     try:
         return ModelSpec(
-            name=f"{preset}-{modality}",
+            name=preset if modality == "both" else f"{preset}-{modality}",
             modality=modality,
             height=height,
             width=width,

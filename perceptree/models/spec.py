@@ -19,10 +19,10 @@ HEAT_MAP_CELLS = 56
 
 STRIDE_5 = 32
 
-Modality = Literal["rgb", "depth"]
+Modality = Literal["rgb", "depth", "both"]
 KeypointGrid = Literal["subcell", "pixels"]
 
-_CHANNELS = {"rgb": (3,), "depth": (1, 3)}
+_CHANNELS = {"rgb": (3,), "depth": (1, 3), "both": (1, 3)}
 _SMALLEST_PX, _LARGEST_PX = 32, 8192
 _LARGEST_FLOAT = sys.float_info.max
 _WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS = 4096, 64, 16
@@ -60,15 +60,16 @@ class ModelSpec(Settings, error=SpecError):
 
     name: str
     """Name of the model."""
-    modality: Modality = field(metadata=names(_CHANNELS, "'rgb' or 'depth'"))
-    """Kind of input: `rgb` or `depth`."""
+    modality: Modality = field(metadata=names(_CHANNELS, "'rgb', 'depth' or 'both'"))
+    """Kind of input: `rgb`, `depth` or `both`. Of `both`, what follows is that of the depth; the
+    fields whose names begin with `colour` are those of the colour image."""
     height: int
     """Input height, px; the network pads to a multiple of 32 itself."""
     width: int
     """Input width, px."""
     mean: tuple[float, ...]
     """Mean of the input per channel, in 8-bit units: three values for `rgb`, one or three for
-    `depth`. With three the depth channel is repeated, for networks trained on colour."""
+    depth. With three the depth channel is repeated, for networks trained on colour."""
     std: tuple[float, ...]
     """Standard deviation of the input per channel, in 8-bit units."""
     pad_value: int = field(metadata=limits(0, 255))
@@ -126,6 +127,14 @@ class ModelSpec(Settings, error=SpecError):
     """Detections with a lower score are dropped."""
     nms_iou: float = field(default=0.5, metadata=_IOU)
     """Overlap above which a detection is suppressed."""
+    colour_backbone: str | None = None
+    """A key of `backbones.BACKBONES`, for the colour image of `both`; None for the others."""
+    colour_mean: tuple[float, ...] = ()
+    """Mean of the colour image per channel, three values; empty but for `both`."""
+    colour_std: tuple[float, ...] = ()
+    """Standard deviation of the colour image per channel, three values; empty but for `both`."""
+    colour_pad_value: int = field(default=114, metadata=limits(0, 255))
+    """Value of the letterbox borders of the colour image of `both`, 0 to 255."""
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -158,20 +167,14 @@ class ModelSpec(Settings, error=SpecError):
                 self._refuse(f"{entry.name} is {str(value)[:200]}", expected)
 
     def _check_input(self) -> None:
-        allowed = _CHANNELS[self.modality]
-        if len(self.mean) not in allowed or len(self.std) != len(self.mean):
-            self._refuse(
-                f"mean and std have {len(self.mean)} and {len(self.std)} values",
-                f"{' or '.join(map(str, allowed))} for {self.modality}",
-            )
-        least, most = _STD_RANGE
-        if not all(least <= value <= most for value in self.std):
-            self._refuse(f"std is {self.std}", f"values of {least:g} to {most:g}")
-        if not all(abs(value) <= _LARGEST_MEAN for value in self.mean):
-            self._refuse(f"mean is {self.mean}", f"values of at most {_LARGEST_MEAN:g}")
+        self._check_normalisation("", _CHANNELS[self.modality])
+        self._check_normalisation("colour_", (3,) if self.modality == "both" else (0,))
+        if (self.modality == "both") != isinstance(self.colour_backbone, str):
+            found = f"colour_backbone is {self.colour_backbone!r:.200} for {self.modality}"
+            self._refuse(found, "one for both and None for rgb and depth")
         if (self.depth_encoding is None) != (self.modality == "rgb"):
             found = f"depth_encoding is {self.depth_encoding} for {self.modality}"
-            self._refuse(found, "one for depth and None for rgb")
+            self._refuse(found, "one for depth and both, and None for rgb")
         if self.depth_encoding is not None:
             try:
                 DepthEncoding.from_dict(self.depth_encoding)
@@ -180,6 +183,20 @@ class ModelSpec(Settings, error=SpecError):
         if not all(_SMALLEST_PX <= side <= _LARGEST_PX for side in (self.height, self.width)):
             found = f"the input is {self.height}x{self.width}"
             self._refuse(found, f"{_SMALLEST_PX} to {_LARGEST_PX} px each way")
+
+    def _check_normalisation(self, branch: str, allowed: tuple[int, ...]) -> None:
+        """Check the fields `mean` and `std` of a branch, which have so many values."""
+        mean, std = (getattr(self, f"{branch}{name}") for name in ("mean", "std"))
+        if len(mean) not in allowed or len(std) != len(mean):
+            self._refuse(
+                f"{branch}mean and {branch}std have {len(mean)} and {len(std)} values",
+                f"{' or '.join(map(str, allowed))} for {self.modality}",
+            )
+        least, most = _STD_RANGE
+        if not all(least <= value <= most for value in std):
+            self._refuse(f"{branch}std is {std}", f"values of {least:g} to {most:g}")
+        if not all(abs(value) <= _LARGEST_MEAN for value in mean):
+            self._refuse(f"{branch}mean is {mean}", f"values of at most {_LARGEST_MEAN:g}")
 
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
@@ -243,12 +260,31 @@ class ModelSpec(Settings, error=SpecError):
 
     @property
     def channels(self) -> int:
-        """Input channels of the network."""
+        """Input channels of `backbone`."""
         return len(self.mean)
 
+    @property
+    def image_shape(self) -> tuple[int, ...]:
+        """Shape of an image as it is stored: (H, W, 3), (H, W), or (H, W, 4) of `both`.
+
+        Of `both` the first three channels are the colour image and the last one is the depth.
+        """
+        channels = {"rgb": (3,), "depth": (), "both": (4,)}[self.modality]
+        return (self.height, self.width, *channels)
+
+    @property
+    def pad_values(self) -> int | tuple[int, ...]:
+        """Value of the letterbox borders of a stored image; of `both` that of each channel."""
+        if self.modality != "both":
+            return self.pad_value
+        return (*(self.colour_pad_value,) * 3, self.pad_value)
+
     def to_dict(self) -> dict[str, Any]:
-        """Convert to values that JSON can hold."""
-        return dataclasses.asdict(self)
+        """Convert to values that JSON can hold, without the colour fields but for `both`."""
+        values = dataclasses.asdict(self)
+        if self.modality == "both":
+            return values
+        return {name: value for name, value in values.items() if not name.startswith("colour_")}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ModelSpec:

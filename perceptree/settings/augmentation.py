@@ -127,7 +127,35 @@ class DepthSettings(Settings):
 
 
 @dataclass(frozen=True)
-class AugmentSettings(GeometrySettings, ColourSettings, DepthSettings, CameraSettings):
+class PairSettings(Settings):
+    """What happens between colour and depth, for models of both.
+
+    Trees stay labelled while one of the two shows them.
+    """
+
+    misaligned_px: float = field(default=4.0, metadata=limits(0, 32))
+    """Maximum distance by which the colour image is moved against depth and labels, px."""
+    misaligned_share: float = field(default=0.5, metadata=_SHARE)
+    """Share of the frames to which `misaligned_px` applies."""
+    without_colour_share: float = field(default=0.15, metadata=_SHARE)
+    """Share of the frames whose colour image is left out."""
+    without_depth_share: float = field(default=0.15, metadata=_SHARE)
+    """Share of the frames whose depth is left out; never with the colour image."""
+
+    def _check_together(self) -> None:
+        super()._check_together()
+        left_out = self.without_colour_share + self.without_depth_share
+        if left_out > 1:
+            self._refuse(
+                f"without_colour_share and without_depth_share are together {left_out:g}",
+                "at most 1",
+            )
+
+
+@dataclass(frozen=True)
+class AugmentSettings(
+    GeometrySettings, ColourSettings, DepthSettings, CameraSettings, PairSettings
+):
     """Strengths of all changes; each change is drawn anew and uniformly for every frame.
 
     Colours change for RGB models, readings for depth models. 0 turns a change off.

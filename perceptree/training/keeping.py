@@ -1,4 +1,4 @@
-"""Hold a backbone near its starting weights, so that it does not forget what it knew.
+"""Hold the backbones near their starting weights, so that they do not forget what they knew.
 
 Two ways: a pull of the weights (L2-SP, Li, Grandvalet and Davoine 2018, "Explicit inductive bias
 for transfer learning"), and a loss on the difference of its maps from those of the starting
@@ -8,6 +8,7 @@ backbone on the same pictures (Li et al. 2019, "DELTA").
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -18,10 +19,11 @@ from perceptree.models.backbones import Backbone
 from perceptree.settings.training import TrainSettings
 
 _LEAST_VARIANCE = 1e-6
+_COLOUR = "colour."  # before the names of the colour backbone's tensors
 
 
 class StartingBackbone:
-    """The backbone as it was at the start.
+    """The backbone as it was at the start, and the colour backbone where there is one.
 
     Args:
         model: The model, with its starting weights.
@@ -30,27 +32,37 @@ class StartingBackbone:
 
     def __init__(self, model: TreeRCNN, settings: TrainSettings) -> None:
         spec = model.spec
-        self._settings, self._backbone = settings, model.backbone
-        self._start = Backbone(
-            spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1
-        )
-        self._start.load_state_dict(model.backbone.state_dict())
-        self._start.to(next(model.parameters()).device).to(memory_format=torch.channels_last)
-        self._start.requires_grad_(False).eval()
-        self._maps: list[Tensor] = []
+        self._settings, self._backbones = settings, model.backbones
+        forms = [(spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1)]
+        if spec.colour_backbone is not None:
+            forms.append((spec.colour_backbone, 3, spec.backbone_levels, False))
+        self._starts = [Backbone(*form) for form in forms]
+        for start, own in zip(self._starts, self._backbones, strict=True):
+            start.load_state_dict(own.state_dict())
+            start.to(next(model.parameters()).device).to(memory_format=torch.channels_last)
+            start.requires_grad_(False).eval()
+        self._seen: dict[int, tuple[Tensor, list[Tensor]]] = {}
         if settings.keep_features:
-            model.backbone.register_forward_hook(self._remember)
+            for number, own in enumerate(self._backbones):
+                own.register_forward_hook(partial(self._remember, number))
 
     def state(self) -> dict[str, Tensor]:
         """The starting weights, to go on with after an interruption."""
-        return self._start.state_dict()
+        first, *colour = (start.state_dict() for start in self._starts)
+        return first | {_COLOUR + name: x for state in colour for name, x in state.items()}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Take the starting weights of an interrupted training."""
-        self._start.load_state_dict(state)
+        first, *colour = self._starts
+        first.load_state_dict({n: x for n, x in state.items() if not n.startswith(_COLOUR)})
+        for start in colour:
+            own = {n.removeprefix(_COLOUR): x for n, x in state.items() if n.startswith(_COLOUR)}
+            start.load_state_dict(own)
 
-    def _remember(self, module: nn.Module, inputs: tuple[Tensor], maps: list[Tensor]) -> None:
-        self._images, self._maps = inputs[0], maps
+    def _remember(
+        self, number: int, module: nn.Module, inputs: tuple[Tensor], maps: list[Tensor]
+    ) -> None:
+        self._seen[number] = inputs[0], maps
 
     def loss(self) -> dict[str, Tensor]:
         """The loss `features` of the last forward pass; empty without it.
@@ -61,15 +73,17 @@ class StartingBackbone:
         """
         if not self._settings.keep_features:
             return {}
-        with torch.no_grad():
-            starts = self._start(self._images)
-        parts = [
-            (own.float() - start.float()).square().flatten(1).mean(1)
-            / start.float().flatten(1).var(1).clamp(min=_LEAST_VARIANCE)
-            for own, start in zip(self._maps, starts, strict=True)
-        ]
-        self._maps = []
-        return {"features": self._settings.keep_features * torch.stack(parts).mean()}
+        parts: list[Tensor] = []
+        for number, (images, maps) in sorted(self._seen.items()):
+            with torch.no_grad():
+                starts = self._starts[number](images)
+            parts += [
+                (own.float() - start.float()).square().flatten(1).mean(1)
+                / start.float().flatten(1).var(1).clamp(min=_LEAST_VARIANCE)
+                for own, start in zip(maps, starts, strict=True)
+            ]
+        self._seen = {}
+        return {"features": self._settings.keep_features * torch.cat(parts).mean()}
 
     def pull(self, rate: float) -> None:
         """Move the trained weights towards the starting ones after a step.
@@ -78,8 +92,8 @@ class StartingBackbone:
             rate: Learning rate of the backbone in this step.
         """
         share = min(1.0, rate * self._settings.keep_weights)
-        pairs = zip(self._backbone.parameters(), self._start.parameters(), strict=True)
         with torch.no_grad():
-            for own, start in pairs:
-                if share and own.requires_grad:
-                    own.lerp_(start, share)
+            for backbone, beginning in zip(self._backbones, self._starts, strict=True):
+                for own, start in zip(backbone.parameters(), beginning.parameters(), strict=True):
+                    if share and own.requires_grad:
+                        own.lerp_(start, share)

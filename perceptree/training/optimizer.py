@@ -19,14 +19,14 @@ _RATE_SHARE = "rate_share"
 def make_optimizer(model: TreeRCNN, settings: TrainSettings) -> torch.optim.Optimizer:
     """Make AdamW or SGD for the trainable parameters, without weight decay for norms and biases.
 
-    The backbone has groups of its own if its learning rate differs.
+    The backbones have groups of their own if their learning rate differs.
 
     Args:
         model: The model; its frozen parameters are left out.
         settings: Kind of optimizer, learning rates, momentum and weight decay.
     """
     share = settings.backbone_rate_share
-    apart = list(model.backbone.parameters()) if share != 1 else []
+    apart = [each for part in model.backbones for each in part.parameters()] if share != 1 else []
     inside = {id(parameter) for parameter in apart}
     rest = [parameter for parameter in model.parameters() if id(parameter) not in inside]
     groups = [*_groups(rest, settings, 1.0), *(_groups(apart, settings, share) if apart else [])]

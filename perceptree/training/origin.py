@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from basetree.arrays import UInt8
 from calib import DepthEncoding, Letterbox, picture_statistics, usual_ranges
 from perceptree.data import FrameRecord
 from perceptree.data.cache import FrameCache
@@ -56,5 +59,13 @@ def usual_pictures(
         for index in (number * len(cache) // count for number in range(count)):
             box = Letterbox.fit(*sizes[cache.names[index]], spec.width, spec.height)
             inner = cache.image(index)[: box.resized_height, : box.resized_width]
-            found.append(picture_statistics(inner, encoding))
+            found.append(_statistics(inner, encoding))
     return usual_ranges(found)
+
+
+def _statistics(image: UInt8, encoding: DepthEncoding | None) -> dict[str, float]:
+    """The statistics of a stored image; of colour and depth those of both."""
+    if image.shape[2:] != (4,):
+        return picture_statistics(image, encoding)
+    colour, depth = np.ascontiguousarray(image[..., :3]), np.ascontiguousarray(image[..., 3])
+    return picture_statistics(colour) | picture_statistics(depth, encoding)

@@ -19,7 +19,13 @@ from perceptree.training.hardware import fastest_precision, keep_freed_memory
 from perceptree.training.optimizer_state import check_optimizer_state
 from perceptree.training.processes import Processes, process_group
 from perceptree.training.source import Preparing, TrainingData, open_data
-from perceptree.training.starting import Init, describe_init, load_heads, start_from
+from perceptree.training.starting import (
+    Init,
+    describe_init,
+    files_of,
+    load_heads,
+    start_from,
+)
 from perceptree.training.state import STATE_NAME, read_state, write_state
 from perceptree.training.trainer import Trainer, TrainReport
 
@@ -194,7 +200,7 @@ class _TrainingRun:
         return {**describe_init(self.init, self.spec.backbone), **heads}
 
     def _credits(self) -> Credits:
-        files = [each for each in (self.init, self.heads) if isinstance(each, Path)]
+        files = [*files_of(self.init), *([] if self.heads is None else [self.heads])]
         folders = [self.source.directory, *([self.source.mix] if self.source.mix else [])]
         return training_credits(self.init, self.spec.backbone, files, folders)
 
@@ -205,7 +211,7 @@ class _TrainingRun:
             "settings": _fixed_settings(self.settings),
             "starting weights": {
                 "weights": origin.get("sha256", origin["name"]),
-                **({"heads": origin["heads"]["sha256"]} if "heads" in origin else {}),
+                **{name: origin[name]["sha256"] for name in ("colour", "heads") if name in origin},
             },
             "data": data.describe(),
         }

@@ -134,7 +134,9 @@ def open_data(
 def _exact(train: Dataset, spec: ModelSpec) -> Dataset:
     """The dataset with exact depth in place of the measured one."""
     if spec.modality != "depth":
-        raise SettingsError("exact depth is for depth models: expected no --exact-depth for rgb")
+        raise SettingsError(
+            f"exact depth is for depth models: expected no --exact-depth for {spec.modality}"
+        )
     return replace(train, frames=with_exact_depth(train.frames))
 
 

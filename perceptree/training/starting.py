@@ -2,28 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from torch import Tensor
 
+from basetree.errors import SettingsError
 from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint
+from perceptree.models.branches import joined_spec, load_branches
 from perceptree.models.checkpoint import check_tensors
 from perceptree.models.packaged import PACKAGED_WEIGHTS
 from perceptree.models.pretrained import load_coco, load_imagenet
 from perceptree.models.weights.reading import file_sha256
 
-Init = Literal["imagenet", "coco"] | Path
-"""Starting weights: published ones by name, or a checkpoint of this project."""
+
+@dataclass(frozen=True)
+class Branches:
+    """Starting weights of a network of both inputs, from two networks of one.
+
+    Attributes:
+        depth: Checkpoint of a network of depth; its pyramid and heads are taken, too.
+        colour: Checkpoint of a network of colour, of which the backbone is taken.
+    """
+
+    depth: Path
+    colour: Path
+
+
+Init = Literal["imagenet", "coco"] | Path | Branches
+"""Starting weights: published ones by name, a checkpoint of this project, or two of them."""
 
 _BRANCHES = ("mask_head", "keypoint_head")
-_BACKBONE, _LATERAL = "backbone.", "pyramid.lateral."
+_BACKBONE, _LATERAL = ("backbone.", "colour_backbone."), "pyramid.lateral."
 # Fields of the spec that must match for the weights to be valid, though no tensor shape shows it.
-_MUST_MATCH = ("backbone", "modality", "mean", "std", "stride_in_1x1")
+_MUST_MATCH = (
+    *("backbone", "modality", "mean", "std", "stride_in_1x1"),
+    *("colour_backbone", "colour_mean", "colour_std"),
+)
 
 
-def describe_init(init: Init | None, backbone: str = "") -> dict[str, str]:
+def files_of(init: Init | None) -> list[Path]:
+    """The checkpoints that starting weights come from."""
+    if isinstance(init, Branches):
+        return [init.depth, init.colour]
+    return [init] if isinstance(init, Path) else []
+
+
+def describe_init(init: Init | None, backbone: str = "") -> dict[str, Any]:
     """Describe starting weights.
 
     Args:
@@ -32,11 +59,13 @@ def describe_init(init: Init | None, backbone: str = "") -> dict[str, str]:
 
     Returns:
         Their `name`; for a file its `sha256`; for weights that a package carries also their
-        `weights` and `licence`.
+        `weights` and `licence`; for two files those of the second as `colour`.
 
     Raises:
         CheckpointError: If the file cannot be read.
     """
+    if isinstance(init, Branches):
+        return describe_init(init.depth) | {"colour": describe_init(init.colour)}
     if isinstance(init, Path):
         return {"name": init.name, "sha256": _sha256(init)}
     packaged = PACKAGED_WEIGHTS.get(backbone) if init == "imagenet" else None
@@ -68,16 +97,34 @@ def start_from(model: TreeRCNN, init: Init) -> None:
         CheckpointError: If the weights cannot be read or downloaded, or do not match the model.
         SettingsError: If there are no such weights for the model's backbone.
     """
+    if model.spec.modality == "both" and isinstance(init, str):
+        raise SettingsError(
+            f"the starting weights of a model of both inputs are {init}, expected checkpoints:"
+            " --init of a depth model and --init-colour of an rgb model"
+        )
     if init == "imagenet":
         load_imagenet(model)
     elif init == "coco":
         load_coco(model)
+    elif isinstance(init, Branches):
+        _load_branches(model, init)
     else:
-        _load_file(model, Path(init))
+        _load_file(model, init)
+
+
+def _load_branches(model: TreeRCNN, init: Branches) -> None:
+    depth, colour = (load_checkpoint(path)[0] for path in (init.depth, init.colour))
+    start = TreeRCNN(joined_spec(depth.spec, colour.spec, model.spec.name))
+    load_branches(start, depth, colour)
+    _load(model, start, init.depth)
 
 
 def _load_file(model: TreeRCNN, path: Path) -> None:
-    start, _ = load_checkpoint(path)
+    _load(model, load_checkpoint(path)[0], path)
+
+
+def _load(model: TreeRCNN, start: TreeRCNN, path: Path) -> None:
+    """Load the weights of a network, whose file an error names."""
     for name in _MUST_MATCH:
         theirs, ours = getattr(start.spec, name), getattr(model.spec, name)
         if theirs != ours:
@@ -88,7 +135,7 @@ def _load_file(model: TreeRCNN, path: Path) -> None:
 
 
 def load_heads(model: TreeRCNN, path: Path) -> None:
-    """Load all but the backbone from a checkpoint.
+    """Load all but the backbones from a checkpoint.
 
     The pyramid's first convolutions keep their weights where the checkpoint's backbone has maps of
     another width. A mask or keypoint head is treated as by `start_from`.

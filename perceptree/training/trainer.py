@@ -90,8 +90,8 @@ class Trainer:
         self.model = model.to(self.device)
         self.average = make_average(model, settings.ema_decay) if settings.ema_decay else None
         if engine.compile:
-            model.backbone.compile()
-            model.pyramid.compile()
+            for part in (*model.backbones, model.pyramid):
+                part.compile()
         self.start = StartingBackbone(model, settings) if settings.keeps_start else None
         if processes.world > 1:
             synchronise_norms(model)

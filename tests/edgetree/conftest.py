@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
+from both_model import manifest_of_both, model_bytes
 from numpy.typing import NDArray
 
 import calib
@@ -29,9 +30,7 @@ from edgetree.model_file.manifest import (
     standard_input,
     standard_outputs,
 )
-from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.session import FakeSession
 from edgetree.samples import sample_frames
 
 ModelWriter = Callable[..., Path]
@@ -146,6 +145,12 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
 
 
 @pytest.fixture
+def both_manifest(depth_manifest: Manifest) -> Manifest:
+    """The manifest of a model of colour and depth, otherwise like `depth_manifest`."""
+    return manifest_of_both(depth_manifest)
+
+
+@pytest.fixture
 def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> ModelWriter:
     """A function that writes a model which finds `two_trees` in every image."""
 
@@ -156,18 +161,9 @@ def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> Mo
         with_manifest: bool = True,
         batch: int | str = "batch",
     ) -> Path:
-        images = np.zeros((batch if isinstance(batch, int) else 1, 1))
-        found = FakeSession.with_trees(manifest, **two_trees).run({manifest.input.name: images})
-        shape = (batch, *manifest.input.image_shape)
-        content = onnx_bytes(
-            [Node("Identity", (f"{key}_constant",), (key,)) for key in found],
-            inputs={manifest.input.name: TensorType("uint8", shape)},
-            outputs={
-                key: TensorType(value.dtype.name, value.shape) for key, value in found.items()
-            },
-            constants={f"{key}_constant": value for key, value in found.items()},
-            metadata={METADATA_KEY: manifest.to_json()} if with_manifest else {},
-        )
+        content = model_bytes(manifest, two_trees, batch)
+        if not with_manifest:
+            content = content.replace(METADATA_KEY.encode(), b"x" * len(METADATA_KEY))
         path = tmp_path / name
         path.write_bytes(content)
         return path

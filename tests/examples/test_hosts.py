@@ -18,10 +18,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from both_model import write_both_model
+from once import Once
 
 from edgetree import TreeDetector, default_model, sample_frames
-from edgetree.conformance import read_kit
+from edgetree.conformance import make_kit, read_kit
 from edgetree.conformance.kit import read_expected, read_frame
+from edgetree.conformance.reference import Reference
 from edgetree.runtime.session import OrtSession
 from edgetree.sample_files import write_samples
 
@@ -49,27 +52,35 @@ def node() -> str:
     return program
 
 
-@pytest.fixture(scope="module", params=["rgb", "depth"])
-def kit(request: pytest.FixtureRequest, kit_of: Callable[[str], Path]) -> Path:
+@pytest.fixture(scope="module", params=["rgb", "depth", "both"])
+def kit(request: pytest.FixtureRequest, kit_of: Callable[[str], Path], once: Once) -> Path:
+    if request.param == "both":
+        return once.folder("kit-both", make_kit_of_both) / "kit"
     return kit_of(f"edge-n-{request.param}")
 
 
+def make_kit_of_both(folder: Path) -> None:
+    write_both_model(folder / "both.onnx")
+    make_kit(folder / "both.onnx", folder / "kit")
+
+
 @pytest.fixture(scope="module")
-def passes(kit: Path) -> dict[str, tuple[np.ndarray, Outputs]]:
-    """The network's input and outputs for each frame of the kit."""
-    seen: list[tuple[np.ndarray, Outputs]] = []
+def passes(kit: Path) -> dict[str, tuple[dict[str, np.ndarray], Outputs]]:
+    """The network's inputs and outputs for each frame of the kit."""
+    seen: list[tuple[dict[str, np.ndarray], Outputs]] = []
 
     class Watched(OrtSession):
         def run(self, inputs: Any) -> dict[str, Any]:
             outputs = super().run(inputs)
-            seen.append((inputs["image"][0], outputs))
+            seen.append(({name: values[0] for name, values in inputs.items()}, outputs))
             return outputs
 
     content = read_kit(kit)
-    detector = TreeDetector(Watched(kit / content.model), score_threshold=content.score_threshold)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("edgetree.runtime.detector.OrtSession", Watched)
+        reference = Reference(kit / content.model, score_threshold=content.score_threshold)
     for frame in content.frames:
-        pixels = read_frame(kit, frame)
-        detector.detect(pixels.astype(np.float32) / 1000 if pixels.ndim == 2 else pixels)
+        reference.detect(read_frame(kit, frame))
     return {frame.name: one for frame, one in zip(content.frames, seen, strict=True)}
 
 
@@ -91,7 +102,7 @@ def run_cpp(kit: Path, outputs: Path, out: Path) -> None:
 def test_what_a_host_does_around_the_network(
     run: Callable[[Path, Path, Path], None],
     kit: Path,
-    passes: dict[str, tuple[np.ndarray, Outputs]],
+    passes: dict[str, tuple[dict[str, np.ndarray], Outputs]],
     tmp_path: Path,
 ) -> None:
     given, out = tmp_path / "outputs", tmp_path / "out"
@@ -105,12 +116,13 @@ def test_what_a_host_does_around_the_network(
         (given / f"{name}.json").write_text(json.dumps(tensors), "utf-8")
     run(kit, given, out)
 
-    for name, (pixels, _) in passes.items():
-        theirs = np.fromfile(out / f"{name}.raw", np.uint8).reshape(pixels.shape)
-        gap = np.abs(theirs.astype(int) - pixels)
-        assert gap.max() <= 1, name
-        # Enlarging rounds otherwise in OpenCV; whole pixels are halved alike.
-        assert (gap > 0).mean() < (0.2 if name == "small" else 0.001), name
+    for name, (inputs, _) in passes.items():
+        for kind, pixels in inputs.items():
+            theirs = np.fromfile(out / f"{name}.{kind}.raw", np.uint8).reshape(pixels.shape)
+            gap = np.abs(theirs.astype(int) - pixels)
+            assert gap.max() <= 1, name
+            # Enlarging rounds otherwise in OpenCV; whole pixels are halved alike.
+            assert (gap > 0).mean() < (0.2 if name == "small" else 0.001), name
     found = json.loads((out / "trees.json").read_text("utf-8"))
     for frame in read_expected(kit).frames:
         assert len(found[frame.name]) == len(frame.trees), frame.name

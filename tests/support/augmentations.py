@@ -14,5 +14,8 @@ STILL = AugmentSettings(
     depth_gain=0,
     depth_noise=0,
     holes=0,
+    misaligned_share=0,
+    without_colour_share=0,
+    without_depth_share=0,
 )
 """Changes nothing."""

@@ -74,11 +74,17 @@ Manifest read_manifest(const std::string& model) {
                                  ": expected edgetree.manifest/1");
     const Json &input = json.at("input"), &thresholds = json.at("thresholds");
     Manifest manifest{};
-    manifest.input = input.str("name");
+    const auto channels = [](const Json& one) { return one.str("layout") == "BHWC" ? 3 : 1; };
+    if (json.has("inputs"))
+        for (const Json& one : json.at("inputs").list)
+            manifest.inputs.push_back({one.str("name"), channels(one),
+                                       static_cast<int>(one.num("pad_value")),
+                                       static_cast<int>(one.num("nothing"))});
+    if (manifest.inputs.empty())
+        manifest.inputs.push_back({input.str("name"), channels(input),
+                                   static_cast<int>(json.at("resize").num("pad_value"))});
     manifest.width = static_cast<int>(input.num("width"));
     manifest.height = static_cast<int>(input.num("height"));
-    manifest.channels = json.str("modality") == "rgb" ? 3 : 1;
-    manifest.pad_value = static_cast<int>(json.at("resize").num("pad_value"));
     // Older files do not say it.
     manifest.mask_overlap = thresholds.has("mask_overlap") ? thresholds.num("mask_overlap") : 0.8;
     if (const Json& depth = json.at("depth_encoding"); depth.kind == Json::Kind::object)

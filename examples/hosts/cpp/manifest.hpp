@@ -3,17 +3,25 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 struct DepthEncoding {
     double near_m, far_m;
     int near_value, far_value, invalid_value;
 };
 
-struct Manifest {
-    std::string input;  // name of the graph's only input
-    int width, height;  // of the input in pixels
-    int channels;       // 3 for BGR, 1 for encoded depth
+// An input of the graph.
+struct Input {
+    std::string name;
+    int channels;  // 3 for BGR, 1 for encoded depth
     int pad_value;
+    // An image of this value alone stands for none; -1 if the image may not be missing.
+    int nothing = -1;
+};
+
+struct Manifest {
+    std::vector<Input> inputs;  // one, or colour and depth
+    int width, height;          // of the inputs in pixels
     double mask_overlap;
     std::optional<DepthEncoding> depth;
     bool has_keypoints, has_masks;

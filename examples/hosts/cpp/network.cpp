@@ -20,13 +20,16 @@ Network::Network(const std::string& model, const Manifest& manifest, int threads
 
 Network::~Network() = default;
 
-Outputs Network::run(std::vector<std::uint8_t>& pixels) {
+Outputs Network::run(std::vector<std::vector<std::uint8_t>>& inputs) {
     const Manifest& manifest = session_->manifest;
-    ov::Shape shape{1, static_cast<std::size_t>(manifest.height),
-                    static_cast<std::size_t>(manifest.width)};
-    if (manifest.channels == 3) shape.push_back(3);
     ov::InferRequest& request = session_->request;
-    request.set_tensor(manifest.input, ov::Tensor(ov::element::u8, shape, pixels.data()));
+    for (std::size_t i = 0; i < manifest.inputs.size(); ++i) {
+        const Input& input = manifest.inputs[i];
+        ov::Shape shape{1, static_cast<std::size_t>(manifest.height),
+                        static_cast<std::size_t>(manifest.width)};
+        if (input.channels == 3) shape.push_back(3);
+        request.set_tensor(input.name, ov::Tensor(ov::element::u8, shape, inputs.at(i).data()));
+    }
     request.infer();
 
     Outputs outputs;

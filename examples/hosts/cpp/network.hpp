@@ -20,7 +20,7 @@ class Network {
 public:
     Network(const std::string& model, const Manifest& manifest, int threads);
     ~Network();
-    Outputs run(std::vector<std::uint8_t>& pixels);
+    Outputs run(std::vector<std::vector<std::uint8_t>>& inputs);  // in the manifest's order
     static std::string runtime();
     static std::string version();
 

@@ -65,20 +65,28 @@ Preparation::Preparation(const Manifest& manifest) : manifest_(manifest) {
     if (manifest.depth) grey_ = grey_table(*manifest.depth);
 }
 
-std::vector<std::uint8_t> Preparation::input_of(const Frame& frame) const {
+std::vector<std::vector<std::uint8_t>> Preparation::inputs_of(const Frame& frame) const {
+    std::vector<std::vector<std::uint8_t>> all;
+    for (const Input& input : manifest_.inputs) all.push_back(input_of(frame, input));
+    return all;
+}
+
+std::vector<std::uint8_t> Preparation::input_of(const Frame& frame, const Input& input) const {
     const Manifest& manifest = manifest_;
-    const int channels = manifest.channels, line_size = frame.width * channels;
-    const std::size_t wanted = static_cast<std::size_t>(line_size) * frame.height;
-    if ((manifest.depth ? frame.depth_mm.size() : frame.bgr.size()) != wanted)
+    const int channels = input.channels, line_size = frame.width * channels;
+    const bool is_depth = channels == 1;
+    const std::size_t given = is_depth ? frame.depth_mm.size() : frame.bgr.size();
+    const std::size_t size = static_cast<std::size_t>(manifest.width) * manifest.height * channels;
+    if (given == 0 && input.nothing >= 0)
+        return std::vector<std::uint8_t>(size, static_cast<std::uint8_t>(input.nothing));
+    if (given != static_cast<std::size_t>(line_size) * frame.height)
         throw std::runtime_error("a frame has another size than its width and height say");
     const Letterbox box = fit(frame.width, frame.height, manifest);
     const bool shrinking = box.width < frame.width;
     const auto columns = mixtures(frame.width, box.width, shrinking);
     const auto rows = mixtures(frame.height, box.height, shrinking);
 
-    std::vector<std::uint8_t> padded(
-        static_cast<std::size_t>(manifest.width) * manifest.height * channels,
-        static_cast<std::uint8_t>(manifest.pad_value));
+    std::vector<std::uint8_t> padded(size, static_cast<std::uint8_t>(input.pad_value));
     std::vector<float> line(line_size);
     std::vector<std::uint8_t> grey(line_size);
     for (int y = 0; y < box.height; ++y) {
@@ -86,7 +94,7 @@ std::vector<std::uint8_t> Preparation::input_of(const Frame& frame) const {
         for (std::size_t k = 0; k < rows[y].weights.size(); ++k) {
             const std::size_t start = (rows[y].first + k) * static_cast<std::size_t>(line_size);
             const std::uint8_t* source = grey.data();
-            if (manifest.depth) {
+            if (is_depth) {
                 for (int i = 0; i < line_size; ++i) grey[i] = grey_[frame.depth_mm[start + i]];
             } else {
                 source = frame.bgr.data() + start;

@@ -6,7 +6,8 @@
 
 #include "manifest.hpp"
 
-// BGR bytes for an rgb model; 16-bit millimetres, 0 = no reading, for a depth model.
+// BGR bytes for an rgb model; 16-bit millimetres, 0 = no reading, for a depth model. For a model of
+// both, one of them may be empty.
 struct Frame {
     int width, height;
     std::vector<std::uint8_t> bgr;
@@ -21,13 +22,15 @@ struct Letterbox {
 
 Letterbox fit(int width, int height, const Manifest& manifest);
 
-// Makes the model's input, height x width x channels bytes, from frames.
+// Makes the model's inputs, height x width x channels bytes each, from frames.
 class Preparation {
 public:
     explicit Preparation(const Manifest& manifest);
-    std::vector<std::uint8_t> input_of(const Frame& frame) const;
+    std::vector<std::vector<std::uint8_t>> inputs_of(const Frame& frame) const;
 
 private:
+    std::vector<std::uint8_t> input_of(const Frame& frame, const Input& input) const;
+
     Manifest manifest_;
     std::vector<std::uint8_t> grey_;  // of each depth in millimetres
 };

@@ -23,16 +23,26 @@ std::string read_file(const std::string& path) {
     return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// A frame of a kit; its 16-bit numbers are little-endian, as on x86 and arm.
+// 16-bit numbers of a file, which are little-endian, as on x86 and arm.
+std::vector<std::uint16_t> read_millimetres(const std::string& path) {
+    const std::string bytes = read_file(path);
+    std::vector<std::uint16_t> values(bytes.size() / 2);
+    std::memcpy(values.data(), bytes.data(), values.size() * 2);
+    return values;
+}
+
+// A frame of a kit: colour, depth, or both.
 Frame read_frame(const std::string& kit, const Json& entry) {
-    const std::string bytes = read_file(kit + "/" + entry.str("file"));
+    const std::string file = kit + "/" + entry.str("file");
     Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}};
     if (entry.num("channels") == 3) {
+        const std::string bytes = read_file(file);
         frame.bgr.assign(bytes.begin(), bytes.end());
     } else {
-        frame.depth_mm.resize(bytes.size() / 2);
-        std::memcpy(frame.depth_mm.data(), bytes.data(), bytes.size() / 2 * 2);
+        frame.depth_mm = read_millimetres(file);
     }
+    if (entry.has("depth_file") && entry.at("depth_file").kind == Json::Kind::text)
+        frame.depth_mm = read_millimetres(kit + "/" + entry.str("depth_file"));
     return frame;
 }
 
@@ -77,8 +87,8 @@ void run(const std::string& folder, const std::string& out_path, int threads, in
     const Preparation preparation(manifest);
     Network network(model, manifest, threads);
     const auto detect = [&](const Frame& frame) {
-        auto pixels = preparation.input_of(frame);
-        return trees_of(network.run(pixels), manifest, frame, kit.num("score_threshold"));
+        auto inputs = preparation.inputs_of(frame);
+        return trees_of(network.run(inputs), manifest, frame, kit.num("score_threshold"));
     };
 
     std::vector<std::pair<std::string, Frame>> frames;

@@ -19,9 +19,11 @@ export class TreeDetector {
 
   /** The trees in a frame (see prepare.js), by descending score. */
   async detect(frame, scoreThreshold = 0.5) {
-    const { pixels, shape, box } = prepare(frame, this.manifest);
-    const image = new this.ort.Tensor("uint8", pixels, shape);
-    const outputs = await this.session.run({ [this.manifest.input.name]: image });
+    const { inputs, box } = prepare(frame, this.manifest);
+    const images = {};
+    for (const { name, pixels, shape } of inputs)
+      images[name] = new this.ort.Tensor("uint8", pixels, shape);
+    const outputs = await this.session.run(images);
     return treesOf(outputs, this.manifest, box, frame, scoreThreshold);
   }
 }

@@ -1,9 +1,14 @@
 // Runs a conformance kit of `edgetree conformance make`, in Node or in a browser.
 
-/** A frame of a kit from the bytes of its file. */
-function frameOf({ width, height, channels }, bytes) {
-  if (channels === 3) return { width, height, data: bytes };
-  return { width, height, data: new Uint16Array(bytes.slice().buffer) }; // little-endian
+/** A frame of a kit, as prepare.js takes it; `read(name)` gives the bytes of a file. */
+export async function frameOf({ width, height, channels, file, depth_file }, read) {
+  const millimetres = (bytes) => new Uint16Array(bytes.slice().buffer); // little-endian
+  const bytes = await read(file);
+  if (depth_file)
+    return { width, height, colour: bytes, depth: millimetres(await read(depth_file)) };
+  if (channels === 3) return { width, height, data: bytes, colour: bytes };
+  const depth = millimetres(bytes);
+  return { width, height, data: depth, depth };
 }
 
 const median = (values) => {
@@ -20,7 +25,7 @@ const median = (values) => {
  */
 export async function runKit(kit, detector, read, about, rounds = 0) {
   const frames = [];
-  for (const entry of kit.frames) frames.push(frameOf(entry, await read(entry.file)));
+  for (const entry of kit.frames) frames.push(await frameOf(entry, read));
   const found = [];
   for (const [index, frame] of frames.entries()) {
     const trees = await detector.detect(frame, kit.score_threshold);

@@ -36,6 +36,16 @@ function* fields(message) {
   }
 }
 
+/** The graph's inputs; a model of one input takes what `modality` says. */
+export function inputsOf({ input, inputs, modality, resize }) {
+  const all = inputs?.length ? inputs : [{ ...input, pad_value: resize.pad_value }];
+  return all.map((each) => ({
+    ...each,
+    isDepth: each.colour_order === "depth",
+    canBeMissing: modality === "both",
+  }));
+}
+
 /** The manifest in the bytes of a model file (Uint8Array). */
 export function readManifest(model) {
   const text = new TextDecoder();

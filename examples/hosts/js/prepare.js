@@ -1,7 +1,10 @@
 // From a frame to the model's input, as the manifest says.
 //
 // A frame is { width, height, data }: BGR bytes for an rgb model, and for a depth model 16-bit
-// millimetres (Uint16Array) or metres (Float32Array), where 0 is no reading.
+// millimetres (Uint16Array) or metres (Float32Array), where 0 is no reading. For a model of colour
+// and depth it is { width, height, colour, depth }, of which one may be missing.
+
+import { inputsOf } from "./manifest.js";
 
 /** The nearest whole number; of two, the even one. */
 function roundHalfEven(value) {
@@ -99,16 +102,29 @@ function resize(bytes, { width, height }, channels, box, input, padValue) {
   return padded;
 }
 
-/** The model's input (Uint8Array), its shape, and the letterbox to map points back. */
-export function prepare(frame, manifest) {
-  const { input, resize: rule, depth_encoding: encoding, modality } = manifest;
-  const channels = modality === "rgb" ? 3 : 1;
-  const { width, height, data } = frame;
+/** One input's bytes, its name and shape; of an image that is missing, the value for nothing. */
+function prepareOne(frame, input, box, encoding) {
+  const channels = input.isDepth ? 1 : 3;
+  const shape = [1, input.height, input.width, ...(channels === 3 ? [3] : [])];
+  const { width, height } = frame;
+  const data = input.canBeMissing ? frame[input.name] : frame.data;
+  if (!data && input.canBeMissing) {
+    const count = input.height * input.width * channels;
+    return { name: input.name, shape, pixels: new Uint8Array(count).fill(input.nothing) };
+  }
   if (data.length !== width * height * channels)
     throw new Error(`a frame has ${data.length} values: expected ${width}x${height}x${channels}`);
-  const bytes = encoding === null || data instanceof Uint8Array ? data : encodeDepth(data, encoding);
-  const box = letterbox(width, height, input);
-  const pixels = resize(bytes, frame, channels, box, input, rule.pad_value);
-  const shape = [1, input.height, input.width, ...(channels === 3 ? [3] : [])];
-  return { pixels, shape, box };
+  const isEncoded = !input.isDepth || data instanceof Uint8Array;
+  const bytes = isEncoded ? data : encodeDepth(data, encoding);
+  const pixels = resize(bytes, frame, channels, box, input, input.pad_value);
+  return { name: input.name, shape, pixels };
+}
+
+/** The model's inputs (name, shape, Uint8Array of pixels), and the letterbox to map points back. */
+export function prepare(frame, manifest) {
+  const box = letterbox(frame.width, frame.height, manifest.input);
+  const inputs = inputsOf(manifest).map((input) =>
+    prepareOne(frame, input, box, manifest.depth_encoding),
+  );
+  return { inputs, box };
 }

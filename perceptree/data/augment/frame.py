@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from basetree.arrays import UInt8
 from calib import DepthEncoding
 from perceptree.data.augment.cameras import redraw
 from perceptree.data.augment.colour import recolour
-from perceptree.data.augment.depth import disturb_depth, level_metres, trees_still_read
+from perceptree.data.augment.depth import disturb_depth, level_metres
 from perceptree.data.augment.geometry import draw_transform, flip, transform_sample
+from perceptree.data.augment.pair import augment_pair
 from perceptree.data.augment.paste import paste_trees
 from perceptree.data.augment.randomness import is_drawn
+from perceptree.data.augment.readings import with_readings
 from perceptree.data.augment.views import draw_view, enlarged_smoothly, without_ground
 from perceptree.data.frames import Sample
 from perceptree.models import ModelSpec
@@ -54,11 +55,13 @@ def augment(
     if encoding is not None and sample.exact:
         return _through_another_camera(rng, sample, encoding, settings)
     height, width = sample.image.shape[:2]
-    sample = transform_sample(sample, draw_transform(rng, width, height, settings), spec.pad_value)
+    sample = transform_sample(sample, draw_transform(rng, width, height, settings), spec.pad_values)
+    if encoding is not None and spec.modality == "both":
+        return augment_pair(rng, sample, encoding, settings)
     if encoding is None:
         return replace(sample, image=recolour(rng, sample.image, settings))
     image = disturb_depth(rng, sample.image, encoding, settings)
-    return _with_readings(sample, image, image, encoding)
+    return with_readings(sample, image, image, encoding)
 
 
 def _through_another_camera(
@@ -75,18 +78,4 @@ def _through_another_camera(
         if is_drawn(rng, settings.bare_share):
             depth_m = without_ground(depth_m, np.asarray(sample.masks.any(0)))
     image, dense = redraw(rng, depth_m, encoding, settings, least_m if least_m < np.inf else 0.0)
-    return _with_readings(sample, image, dense, encoding)
-
-
-def _with_readings(sample: Sample, image: UInt8, dense: UInt8, encoding: DepthEncoding) -> Sample:
-    """Give a sample the image, and remove the trees that `dense` no longer shows."""
-    invalid = encoding.invalid_value
-    kept = trees_still_read(sample.image, dense, invalid, sample.boxes, sample.masks)
-    sample = replace(sample, image=image)
-    return sample if len(kept) == len(sample.boxes) else _select_trees(sample, kept)
-
-
-def _select_trees(sample: Sample, kept: list[int]) -> Sample:
-    masks = None if sample.masks is None else sample.masks[kept]
-    boxes, keypoints = sample.boxes[kept], sample.keypoints[kept]
-    return replace(sample, boxes=boxes, keypoints=keypoints, masks=masks)
+    return with_readings(sample, image, dense, encoding)

@@ -96,12 +96,12 @@ class Transform:
         still = self.window == self.source == self.target == whole
         return still and not self.mirrored and self.warp is None
 
-    def apply(self, image: UInt8, pad_value: int, nearest: bool) -> UInt8:
+    def apply(self, image: UInt8, pad_value: int | tuple[int, ...], nearest: bool) -> UInt8:
         """Transform an image.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8.
-            pad_value: Grey value where the result is empty.
+            image: (H, W) or (H, W, C) uint8.
+            pad_value: Grey value where the result is empty, or that of each channel.
             nearest: Use the nearest pixel instead of bilinear interpolation.
 
         Returns:
@@ -112,14 +112,17 @@ class Transform:
         x0, y0, x1, y1 = self.window
         matrix = _to_opencv(self.matrix @ np.array([[1.0, 0, x0], [0, 1, y0], [0, 0, 1]]))
         interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        patch, size, border = image[y0:y1, x0:x1], (self.width, self.height), (pad_value,) * 3
+        patch, size = image[y0:y1, x0:x1], (self.width, self.height)
+        border = pad_value if isinstance(pad_value, tuple) else (pad_value,) * 3
         warp: Any = cv2.warpPerspective
         if np.allclose(matrix[2], (0, 0, 1)):
             warp, matrix = cv2.warpAffine, matrix[:2]
         warped = warp(patch, matrix, size, flags=interpolation, borderValue=border)
         return np.asarray(warped, np.uint8)
 
-    def _resize_and_place(self, image: UInt8, pad_value: int, nearest: bool) -> UInt8:
+    def _resize_and_place(
+        self, image: UInt8, pad_value: int | tuple[int, ...], nearest: bool
+    ) -> UInt8:
         """Do the same for axis-aligned rectangles, five times as fast as a warp."""
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target
@@ -157,14 +160,14 @@ def draw_transform(
 
 
 def transform_sample(
-    sample: Sample, transform: Transform, pad_value: int, nearest: bool = False
+    sample: Sample, transform: Transform, pad_value: int | tuple[int, ...], nearest: bool = False
 ) -> Sample:
     """Transform image and labels; trees of which too little remains are removed.
 
     Args:
         sample: The frame.
         transform: The transform.
-        pad_value: Grey value where the image is empty.
+        pad_value: Grey value where the image is empty, or that of each channel.
         nearest: Take the nearest pixel of the image instead of interpolating.
     """
     if transform.is_identity:

@@ -31,9 +31,9 @@ def paste_trees(
     """Paste one to three random trees of `other` at the same position.
 
     With an `encoding`, the images are depth: a pasted tree is visible only where it is nearer
-    than the frame. In colour images it occludes everything behind it. Occluded parts are removed
-    from the masks, occluded keypoints get flag 1, and trees of which too little is visible are
-    removed.
+    than the frame, also in images of both. In colour images it occludes everything behind it.
+    Occluded parts are removed from the masks, occluded keypoints get flag 1, and trees of which too
+    little is visible are removed.
 
     Args:
         rng: Source of the random numbers.
@@ -103,6 +103,7 @@ def _blend(image: UInt8, other: UInt8, mask: Bool) -> None:
 def _is_nearer(image: UInt8, other: UInt8, mask: Bool, encoding: DepthEncoding) -> Bool:
     """Return (H, W) where a tree is nearer than the frame; its missing readings get its median."""
     metres_of = level_metres(encoding)
+    image, other = (each[..., 3] if each.ndim == 3 else each for each in (image, other))
     theirs = metres_of[other]
     readings = theirs[mask & np.isfinite(theirs)]
     if not readings.size:

@@ -87,7 +87,7 @@ def import_checkpoint(
     path = Path(path)
     _check_choice("stride_in", stride_in, get_args(StrideIn))
     _check_choice("pixel_std", pixel_std, get_args(PixelStd))
-    _check_choice("modality", modality, get_args(Modality))
+    _check_choice("modality", modality, ("rgb", "depth"))
     tensors = read_weights(path)
     _check_floats(path, tensors)
     check_values(path, tensors)

@@ -22,7 +22,10 @@ from edgetree.model_file.manifest import METADATA_KEY
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
-RECORD = {"data": "random numbers", "pictures": {"lightness": [50.0, 190.5], "contrast": [20, 70]}}
+RECORD: dict[str, Any] = {
+    "data": "random numbers",
+    "pictures": {"lightness": [50.0, 190.5], "contrast": [20, 70]},
+}
 
 BuildModel = Callable[..., TreeRCNN]
 Change = Callable[[NDArray[Any]], NDArray[Any]]
@@ -41,6 +44,8 @@ def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) 
         if isinstance(part, torch.nn.BatchNorm2d):
             part.momentum = None  # use the mean over all batches
     with torch.no_grad():
+        for layer in model.colour_lateral or ():
+            torch.nn.init.normal_(layer.weight, std=0.1)
         for _ in range(3):  # statistics for the batch norms
             images = torch.randint(0, 256, (4, *input_shape(model)), dtype=torch.uint8)
             model.features(images)
@@ -54,9 +59,8 @@ def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) 
 
 
 def input_shape(model: TreeRCNN) -> tuple[int, ...]:
-    """Shape of one input image: (H, W, 3) or (H, W)."""
-    spec = model.spec
-    return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
+    """Shape of one input image: (H, W, 3), (H, W) or (H, W, 4)."""
+    return model.spec.image_shape
 
 
 @pytest.fixture(scope="session")
@@ -79,6 +83,16 @@ def depth_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "depth.safetensors"
     save_checkpoint(path, random_model("depth", masks=False), {"data": "random numbers"})
     return path
+
+
+@pytest.fixture(scope="session")
+def both_checkpoint(once: Once) -> Path:
+    record = {**RECORD, "pictures": RECORD["pictures"] | {"median_m": [3.0, 9.0]}}
+    folder = once.folder(
+        "export-both",
+        lambda new: save_checkpoint(new / "both.safetensors", random_model("both"), record),
+    )
+    return folder / "both.safetensors"
 
 
 @pytest.fixture(scope="session")

@@ -41,9 +41,12 @@ NETWORKS: dict[str, dict[str, Any]] = {
         "height": 90,
         "width": 150,
     },
+    "both": {"modality": "both"},
+    "both, 90x150": {"modality": "both", "height": 90, "width": 150},
 }
 # Channels per pixel that the first convolution reads if quantised.
 CHANNELS = {"rgb, all means whole": 3, "depth, one mean, std": 1, "depth, one mean, 90x150": 1}
+CHANNELS |= {"both": 1, "both, 90x150": 1}
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +62,8 @@ def as_when_traced(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def images_of(model: TreeRCNN) -> torch.Tensor:
     spec = model.spec
-    shape = (2, spec.height, spec.width, 3)[: 4 if spec.modality == "rgb" else 3]
     random = torch.Generator().manual_seed(5)
-    return torch.randint(0, 256, shape, generator=random, dtype=torch.uint8)
+    return torch.randint(0, 256, (2, *spec.image_shape), generator=random, dtype=torch.uint8)
 
 
 def first_convolution(model: TreeRCNN) -> nn.Conv2d:
@@ -103,7 +105,7 @@ def test_the_rewritten_network_gives_the_same_detections(
         assert stem.in_channels == 4 * CHANNELS.get(name, per_pixel)
         assert stem.stride == (1, 1)
     # No division and no transposed convolution is left.
-    assert set(changed.spec.std) == {1.0}
+    assert {*changed.spec.std, *changed.spec.colour_std} == {1.0}
     assert not any(isinstance(part, nn.ConvTranspose2d) for part in changed.modules())
 
 

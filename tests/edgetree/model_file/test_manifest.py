@@ -168,7 +168,7 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
     ("path", "value", "message"),
     [
         (["schema"], "edgetree.manifest/9", r"schema is 'edgetree.manifest/9': expected"),
-        (["modality"], "lidar", "modality is 'lidar': expected 'rgb' or 'depth'"),
+        (["modality"], "lidar", "modality is 'lidar': expected 'rgb', 'depth' or 'both'"),
         (["input", "height"], "384", "input.height is '384', expected a whole number"),
         (["input", "width"], True, "input.width is true, expected a whole number"),
         (["input", "height"], 8, "input size is '640x8': expected 32x32 or more"),

@@ -30,17 +30,21 @@ int main(int, char** words) {
     std::ofstream file(out + "/trees.json");
     const char* comma = "{";
     for (const Json& entry : kit.at("frames").list) {
-        const std::string name = entry.str("name"), bytes = read_file(folder + "/" + entry.str("file"));
+        const std::string name = entry.str("name");
         Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}};
-        if (manifest.channels == 3) {
-            frame.bgr.assign(bytes.begin(), bytes.end());
-        } else {
+        const auto millimetres = [&frame](const std::string& bytes) {
             frame.depth_mm.resize(bytes.size() / 2);
             std::memcpy(frame.depth_mm.data(), bytes.data(), bytes.size());
-        }
-        const auto pixels = Preparation(manifest).input_of(frame);
-        std::ofstream(out + "/" + name + ".raw", std::ios::binary)
-            .write(reinterpret_cast<const char*>(pixels.data()), pixels.size());
+        };
+        const std::string bytes = read_file(folder + "/" + entry.str("file"));
+        if (entry.num("channels") == 3) frame.bgr.assign(bytes.begin(), bytes.end());
+        else millimetres(bytes);
+        if (entry.at("depth_file").kind == Json::Kind::text)
+            millimetres(read_file(folder + "/" + entry.str("depth_file")));
+        const auto inputs = Preparation(manifest).inputs_of(frame);
+        for (std::size_t i = 0; i < inputs.size(); ++i)
+            std::ofstream(out + "/" + name + "." + manifest.inputs[i].name + ".raw", std::ios::binary)
+                .write(reinterpret_cast<const char*>(inputs[i].data()), inputs[i].size());
 
         const Json json = Json::parse(read_file(given + "/" + name + ".json"));
         Outputs outputs;

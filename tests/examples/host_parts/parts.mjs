@@ -5,6 +5,7 @@
 import { readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
 
+import { frameOf } from "../../../examples/hosts/js/kit.js";
 import { readManifest } from "../../../examples/hosts/js/manifest.js";
 import { prepare } from "../../../examples/hosts/js/prepare.js";
 import { treesOf } from "../../../examples/hosts/js/trees.js";
@@ -15,12 +16,12 @@ const json = (...parts) => JSON.parse(new TextDecoder().decode(read(...parts)));
 const kit = json(folder, "kit.json");
 const manifest = readManifest(read(folder, kit.model));
 const trees = {};
-for (const { name, file, width, height, channels } of kit.frames) {
-  const bytes = read(folder, file);
-  const data = channels === 3 ? bytes : new Uint16Array(bytes.slice().buffer);
-  const frame = { width, height, data };
-  const { pixels, box } = prepare(frame, manifest);
-  writeFileSync(path.join(out, `${name}.raw`), pixels);
+for (const entry of kit.frames) {
+  const { name } = entry;
+  const frame = await frameOf(entry, (file) => read(folder, file));
+  const { inputs, box } = prepare(frame, manifest);
+  for (const { name: input, pixels } of inputs)
+    writeFileSync(path.join(out, `${name}.${input}.raw`), pixels);
   const tensors = {};
   for (const [key, { shape, values }] of Object.entries(json(outputs, `${name}.json`)))
     tensors[key] = { dims: shape, data: Float32Array.from(values) };

@@ -21,7 +21,7 @@ def opened(data: Path, folder: Path, **changes: object) -> FrameCache:
     return open_cache(read_split(data, "train"), spec(), folder, **changes)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("modality", ["depth", "rgb"])
+@pytest.mark.parametrize("modality", ["depth", "rgb", "both"])
 def test_a_cached_frame_equals_the_decoded_one(posts: Path, tmp_path: Path, modality: str) -> None:
     frames = read_split(posts, "train")
     cache = open_cache(frames, spec(modality), tmp_path / "cache")
@@ -55,6 +55,18 @@ def test_a_cache_is_reused_until_an_image_changes(posts: Path, tmp_path: Path) -
     assert changed.key != first.key
     assert changed[2].image[0, 0] < first[2].image[0, 0]
     assert [path.name for path in tmp_path.glob("cache*")] == ["cache"]
+
+
+@pytest.mark.parametrize("changed", ["images/000002.png", "depth8/000002.png"])
+def test_a_cache_of_both_images_is_rebuilt_for_either(
+    posts: Path, tmp_path: Path, changed: str
+) -> None:
+    frames = read_split(posts, "train")
+    first = open_cache(frames, spec("both"), tmp_path / "cache")
+    assert first[0].image.shape == (64, 128, 4)
+    nearer = cv2.imread(str(posts / changed), cv2.IMREAD_UNCHANGED) // 2
+    cv2.imwrite(str(posts / changed), nearer)
+    assert open_cache(frames, spec("both"), tmp_path / "cache").key != first.key
 
 
 def test_a_change_of_labels_or_size_rebuilds_the_cache(

@@ -62,7 +62,7 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
     [
         ({"height": 31}, "the input is 31x640, expected 32 to 8192 px each way"),
         ({"width": 8193}, "the input is 384x8193, expected 32 to 8192 px"),
-        ({"modality": "radar"}, "modality is 'radar', expected 'rgb' or 'depth'"),
+        ({"modality": "radar"}, "modality is 'radar', expected 'rgb', 'depth' or 'both'"),
         ({"mean": (1.0,)}, "mean and std have 1 and 3 values, expected 3 for rgb"),
         ({"std": (1.0, 0.0, 1.0)}, "expected values of 1e-06 to 1e"),
         (

@@ -1,0 +1,154 @@
+"""Colour and depth of one frame, for a model that takes both or either."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+import calib
+from basetree.arrays import UInt8
+from basetree.errors import InputError
+from edgetree.detections import OneImage, UnlikeTraining
+from edgetree.model_file.manifest import COLOUR, DEPTH, Manifest
+from edgetree.runtime.image_shift import unlike_training
+from edgetree.runtime.input_images import check_image, to_bytes
+
+_LEAST_SHOWN_PERCENT: Final = 1.0
+"""Share of a picture that is not black, or of a depth image with a reading, below which it shows
+nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColourAndDepth:
+    """The images of one frame, of the same camera and size.
+
+    Attributes:
+        image: (H, W, 3) uint8 BGR; None if there is none.
+        depth_m: (H, W) float metres along the optical axis, or uint8 as encoded in the manifest;
+            None if there is none.
+        no_image: Why there is no colour image, for results.
+        no_depth: Why there is no depth, likewise.
+    """
+
+    image: NDArray[Any] | None
+    depth_m: NDArray[Any] | None
+    no_image: str = "there is no colour image"
+    no_depth: str = "there is no depth"
+
+
+FrameImage: TypeAlias = NDArray[Any] | ColourAndDepth
+"""What a model takes of a frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedImages:
+    """A frame as the network takes it.
+
+    Attributes:
+        letterbox: How the frame is fitted into the input.
+        pixels: (H, W, 3) or (H, W) uint8; of both (H, W, 4), the depth last, where an image that is
+            left out shows nothing.
+        alone: Which image is used alone and why; None if both are.
+        unlike: How the images that are used differ from those of the training, if they do clearly.
+    """
+
+    letterbox: calib.Letterbox
+    pixels: UInt8
+    alone: OneImage | None
+    unlike: UnlikeTraining | None
+
+
+def check_pair(pair: ColourAndDepth, name: str, manifest: Manifest) -> ColourAndDepth:
+    """Check the images of a frame.
+
+    Args:
+        pair: The images.
+        name: Name of the colour image in error messages.
+        manifest: The model's manifest.
+
+    Returns:
+        The same with contiguous arrays.
+
+    Raises:
+        InputError: There is no image, an image is not what `check_image` expects, or the two have
+            different sizes.
+    """
+    image, depth_m = pair.image, pair.depth_m
+    if image is None and depth_m is None:
+        raise InputError(f"{name} and depth_m are None: expected at least one of them")
+    if image is not None:
+        image = check_image(image, name, manifest, COLOUR)
+    if depth_m is not None:
+        depth_m = check_image(depth_m, "depth_m", manifest, DEPTH)
+    if image is not None and depth_m is not None and image.shape[:2] != depth_m.shape:
+        raise InputError(
+            f"{name} is {image.shape[1]}x{image.shape[0]} px and depth_m {depth_m.shape[1]}x"
+            f"{depth_m.shape[0]} px: expected one size, with the depth aligned to the image"
+        )
+    return ColourAndDepth(image, depth_m, pair.no_image, pair.no_depth)
+
+
+def prepare_pair(
+    pair: ColourAndDepth, manifest: Manifest, encoding: calib.DepthEncoding
+) -> PreparedImages:
+    """Resize and join the images of a frame, without one that shows nothing.
+
+    An image is left out that is missing, black or without readings, or that is unlike those of the
+    training while the other is not.
+
+    Args:
+        pair: The images, checked.
+        manifest: The model's manifest.
+        encoding: Its encoding of depth.
+    """
+    given = {COLOUR: pair.image, DEPTH: pair.depth_m}
+    height, width = next(each.shape[:2] for each in given.values() if each is not None)
+    targets = manifest.graph_inputs
+    letterbox = calib.Letterbox.fit(width, height, manifest.input.width, manifest.input.height)
+    planes: dict[str, UInt8] = {}
+    gone = {COLOUR: pair.no_image, DEPTH: pair.no_depth}
+    unlike: dict[str, UnlikeTraining] = {}
+    for kind, image in given.items():
+        if image is None:
+            continue
+        of_depth = encoding if kind == DEPTH else None
+        pad_value = manifest.pad_value_of(targets[kind])
+        plane = letterbox.apply(to_bytes(image, of_depth), pad_value)
+        inner = plane[: letterbox.resized_height, : letterbox.resized_width]
+        statistics = calib.picture_statistics(np.ascontiguousarray(inner), of_depth)
+        if (nothing := _shows_nothing(statistics)) is not None:
+            gone[kind] = nothing
+            continue
+        planes[kind] = plane
+        if (found := unlike_training(statistics, manifest.training_pictures)) is not None:
+            unlike[kind] = found
+    if len(planes) == len(given) and len(unlike) == 1:
+        (kind,) = unlike
+        gone[kind] = f"unlike the training pictures: {unlike.pop(kind)}"
+        del planes[kind]
+    left_out = "; ".join(reason for kind, reason in gone.items() if kind not in planes)
+    alone = OneImage(next(iter(planes), "neither"), left_out) if len(planes) < len(given) else None
+    pixels = np.dstack([planes.get(kind, _nothing(manifest, kind)) for kind in given])
+    return PreparedImages(letterbox, pixels, alone, next(iter(unlike.values()), None))
+
+
+def _nothing(manifest: Manifest, kind: str) -> UInt8:
+    target = manifest.graph_inputs[kind]
+    assert target.nothing is not None
+    return np.full(target.image_shape, target.nothing, np.uint8)
+
+
+def _shows_nothing(statistics: dict[str, float]) -> str | None:
+    """Why an image shows nothing, by its statistics; None if it shows something."""
+    if "black_percent" in statistics:
+        shown = 100 - statistics["black_percent"]
+        return f"the picture is black, but for {shown:.1g} %" if _is_empty(shown) else None
+    read = statistics["reading_percent"]
+    return f"{read:.1g} % of the depth image has a reading in range" if _is_empty(read) else None
+
+
+def _is_empty(percent: float) -> bool:
+    return percent < _LEAST_SHOWN_PERCENT
