@@ -49,7 +49,7 @@ def test_the_inputs_have_names(both: ExportReport) -> None:
         each.name: [size.dim_value for size in each.type.tensor_type.shape.dim]
         for each in graph.input
     }
-    assert shapes == {"colour": [1, 96, 160, 3], "depth": [1, 96, 160]}
+    assert shapes == {"colour": [1, 96, 160, 3], "depth": [1, 96, 160], "score_threshold": [1]}
     manifest = TreeDetector.load(both.path).manifest
     assert manifest.modality == "both"
     assert [each.name for each in manifest.inputs] == ["colour", "depth"]
