@@ -74,6 +74,8 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
         yield "speed", "not measured, as the packaged model cannot run"
         return
     several = f", {speed.fps_all_threads:.0f} on {speed.threads}" if speed.threads > 1 else ""
+    if speed.fps_openvino is not None:
+        several += f", {speed.fps_openvino:.0f} on {speed.threads} with --provider openvino"
     figures = f"{speed.fps_one_thread:.0f} frames per second on 1 thread{several}"
     yield "speed", f"{figures} (edge-n-rgb, INT8, 640x384)"
 

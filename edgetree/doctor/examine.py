@@ -10,6 +10,7 @@ from typing import Final
 from edgetree.doctor.findings import Findings, ModelFile, Speed
 from edgetree.doctor.libraries import examine_libraries, examine_video
 from edgetree.doctor.machine import examine_machine
+from edgetree.runtime.providers import CPU, OPENVINO
 
 _PROBE_S: Final = 0.5
 
@@ -25,12 +26,18 @@ def examine() -> Findings:
 
     providers = examine_providers()
     runs = any(provider.works for provider in providers) and "cv2" not in libraries.import_errors
-    speed = probe_speed() if runs else None
+    openvino = any(provider.works and provider.name == OPENVINO for provider in providers)
+    speed = probe_speed(openvino=openvino) if runs else None
     return Findings(machine, libraries, providers, speed, video, examine_models())
 
 
-def probe_speed(duration_s: float = _PROBE_S) -> Speed:
-    """Measure the speed of `edge-n-rgb`, for `duration_s` on one thread and on all."""
+def probe_speed(duration_s: float = _PROBE_S, *, openvino: bool = False) -> Speed:
+    """Measure the speed of `edge-n-rgb`, for `duration_s` on one thread and on all.
+
+    Args:
+        duration_s: Time of each measurement.
+        openvino: Whether to measure the provider openvino, too.
+    """
     from edgetree.bench.speed import bench_detector
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.runtime.session import usable_cores
@@ -39,12 +46,15 @@ def probe_speed(duration_s: float = _PROBE_S) -> Speed:
     image = sample_frames()[0].image()
     threads = usable_cores()
 
-    def fps(count: int) -> float:
-        detector = TreeDetector.load(default_model("edge-n-rgb"), threads=count)
+    def fps(count: int, provider: str = CPU) -> float:
+        detector = TreeDetector.load(
+            default_model("edge-n-rgb"), threads=count, provider=provider, strict=False
+        )
         return bench_detector(detector, [image], duration_s=duration_s).fps
 
     one = fps(1)
-    return Speed(threads, one, one if threads == 1 else fps(threads))
+    every = one if threads == 1 else fps(threads)
+    return Speed(threads, one, every, fps(threads, OPENVINO) if openvino else None)
 
 
 def examine_models() -> tuple[ModelFile, ...]:

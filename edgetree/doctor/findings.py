@@ -69,11 +69,19 @@ class ProviderResult:
 
 @dataclass(frozen=True)
 class Speed:
-    """Frames per second of the packaged rgb model (INT8) on one thread and on all."""
+    """Frames per second of the packaged rgb model (INT8) on one thread and on all.
+
+    Attributes:
+        threads: Number of all threads.
+        fps_one_thread: On one thread.
+        fps_all_threads: On all threads.
+        fps_openvino: On all threads with the provider openvino; None where it does not work.
+    """
 
     threads: int
     fps_one_thread: float
     fps_all_threads: float
+    fps_openvino: float | None = None
 
 
 @dataclass(frozen=True)

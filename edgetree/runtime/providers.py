@@ -17,6 +17,7 @@ from basetree.settings import Settings, limits, names
 
 AUTO: Final = "auto"
 CPU: Final = "cpu"
+OPENVINO: Final = "openvino"
 _MAX_THREADS: Final = 1024
 
 
@@ -76,7 +77,7 @@ PROVIDERS: Final[dict[str, Provider]] = {
             io_device="cuda",
         ),
         Provider(
-            "openvino",
+            OPENVINO,
             "OpenVINOExecutionProvider",
             "onnxruntime-openvino",
             options={"num_of_threads": "{threads}"},
@@ -98,7 +99,7 @@ PROVIDERS: Final[dict[str, Provider]] = {
     )
 }
 # Without TensorRT, which takes minutes to build an engine.
-_TRIED_BY_AUTO: Final = ("cuda", "coreml", "directml", "openvino")
+_TRIED_BY_AUTO: Final = ("cuda", "coreml", "directml", OPENVINO)
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ LIBRARIES = Libraries(
 )
 CPU = ProviderResult("cpu", True)
 CUDA = ProviderResult("cuda", True)
+OPENVINO = ProviderResult("openvino", True)
 BROKEN_CUDA = ProviderResult("cuda", False, "libcudnn.so.9 is not there")
 HEALTHY = Findings(MACHINE, LIBRARIES, (CPU,), Speed(4, 20.0, 60.0))
 
@@ -174,6 +175,18 @@ ADVICE = {
     "a GPU that works": (
         dataclasses.replace(with_machine(has_nvidia_gpu=True), providers=(CUDA, CPU)),
         "edgetree bench --provider cuda",
+    ),
+    "OpenVINO is faster": (
+        dataclasses.replace(
+            HEALTHY, providers=(OPENVINO, CPU), speed=Speed(4, 20.0, 60.0, fps_openvino=72.0)
+        ),
+        "at 1.20 times the speed of cpu: pass --provider openvino",
+    ),
+    "OpenVINO is not faster": (
+        dataclasses.replace(
+            HEALTHY, providers=(OPENVINO, CPU), speed=Speed(4, 20.0, 60.0, fps_openvino=61.0)
+        ),
+        "at 1.02 times the speed of cpu: stay with cpu",
     ),
     "threads that do not help": (
         dataclasses.replace(HEALTHY, speed=Speed(4, 20.0, 21.0)),
