@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from schema_check import check_printed
 
 import calib
 import edgetree.frames.references
@@ -68,6 +69,7 @@ def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
             cli.main()
         out, err = capfd.readouterr()
         assert isinstance(ended.value.code, int)
+        check_printed(arguments, out)
         return Done(ended.value.code, out, err)
 
     return run
