@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES
+from basetree.files.picture_size import has_deep_grey
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
@@ -186,6 +187,8 @@ def depth_inside(folder: Path) -> Path | None:
 def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     """The file or folder of depth of a source that holds no pictures; None for another source.
 
+    Pictures of one channel with more than 8 bits are depth, too.
+
     Args:
         source: A file or folder.
         depth: Its depth as the user gave it, which may be the source itself.
@@ -194,7 +197,8 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     if depth is not None and not is_same:
         return None
     if not source.is_dir():
-        return source if is_same or source.suffix.lower() == _ARRAY else None
+        is_depth = is_same or source.suffix.lower() == _ARRAY or _are_deep([source])
+        return source if is_depth else None
     if with_files(source, COLOUR_FOLDERS, image_suffixes()) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
@@ -208,7 +212,14 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
         is_depth_name(path.stem) != is_depth_name(pictures[0].stem) for path in pictures
     )
     is_lossy = any(path.suffix.lower() not in DEPTH_SUFFIXES for path in pictures)
-    return source if is_same and not (is_mixed or is_lossy) else None
+    is_depth = not (is_mixed or is_lossy) and (is_same or _are_deep(pictures))
+    return source if is_depth else None
+
+
+def _are_deep(pictures: Sequence[Path]) -> bool:
+    """Whether pictures have one channel of more than 8 bits; of many the first, middle and last."""
+    looked_at = {pictures[place] for place in (0, len(pictures) // 2, -1)}
+    return all(has_suffix(path, DEPTH_SUFFIXES) and has_deep_grey(path) for path in looked_at)
 
 
 def _open_folder(
