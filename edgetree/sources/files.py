@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from basetree.counts import counted
 from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES
+from basetree.files.headers.header import DepthNote
+from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES
 from basetree.files.picture_size import has_deep_grey
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
@@ -196,6 +197,8 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     is_same = depth is not None and depth.exists() and source.exists() and depth.samefile(source)
     if depth is not None and not is_same:
         return None
+    if is_same and not source.is_dir() and has_suffix(source, HEIF_SUFFIXES):
+        return None  # a picture with its depth in one file
     if not source.is_dir():
         is_depth = is_same or source.suffix.lower() == _ARRAY or _are_deep([source])
         return source if is_depth else None
@@ -288,6 +291,8 @@ def with_depth(
         return [(path, None) for path in paths]
     if not depth.is_dir():
         raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+    if depth.samefile(folder) and all(has_suffix(path, HEIF_SUFFIXES) for path in paths):
+        return [(path, path) for path in paths]  # the depth of each is in its own file
     depth = with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
     present = {path.name for path in depth.iterdir()}
     if depth.resolve() == folder.resolve():
@@ -331,7 +336,7 @@ class _ImageFrames(BaseSource):
                 f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
                 f" expected one for image {path}"
             )
-        image, focal_px = self._pixels(path, self._upright and depth is None)
+        image, focal_px = self._pixels(path, depth)
         if depth is None:
             return Frame(name, path, image, exif_focal_px=focal_px)
         size_px = (image.shape[1], image.shape[0])
@@ -340,21 +345,32 @@ class _ImageFrames(BaseSource):
             return Frame(name, path, image, beams.depth_m, filled_depth_m=beams.filled_m)
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
-    def _pixels(self, path: Path, upright: bool) -> tuple[NDArray[np.uint8], float | None]:
+    def _pixels(self, path: Path, depth: Path | None) -> tuple[NDArray[np.uint8], float | None]:
         """Read an image and its focal length; the first one that states an orientation is told."""
-        picture = read_colour(path)
+        picture, upright = read_colour(path), self._upright and depth is None
         if picture.orientation != 1 and not self._has_told:
             self._has_told = True
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
-        if picture.has_depth and not self._told_depth:
+        if picture.depth is not None and depth in (None, path) and not self._told_depth:
             self._told_depth = True
-            _log.warning(
-                "%s holds a depth image, which is not used as the file does not say its unit:"
-                " record with Record3D or Stray Scanner for metres",
-                path,
-            )
+            _log.warning("%s", _depth_words(path, picture.depth, is_taken=depth is not None))
         pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
         return pixels, picture.focal_px
+
+
+def _depth_words(path: Path, depth: DepthNote, *, is_taken: bool) -> str:
+    """What is told of a depth image in a picture's file."""
+    if is_taken:
+        return (
+            f"depth of {path} is its own image {depth.words}; nothing says how far its scale is"
+            " off: --rig-errors scale=SHARE does"
+        )
+    if depth.is_metric:
+        return f"{path} holds a depth image {depth.words}: --depth {path} takes it"
+    return (
+        f"{path} holds a depth image {depth.words}, so it is not used: record with Record3D or"
+        " Stray Scanner for metres"
+    )
 
 
 class _Stream(BaseSource):
