@@ -353,7 +353,12 @@ class _ImageFrames(BaseSource):
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
         if picture.depth is not None and depth in (None, path) and not self._told_depth:
             self._told_depth = True
-            _log.warning("%s", _depth_words(path, picture.depth, is_taken=depth is not None))
+            _log.warning(
+                "%s",
+                _depth_words(
+                    path, picture.depth, is_taken=depth is not None and picture.depth.is_metric
+                ),
+            )
         pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
         return pixels, picture.focal_px
 
