@@ -88,8 +88,8 @@ def depth_metres(picture: Any, orientation: int) -> NDArray[np.float32] | None:
         depth_m = 1 / (1 / far + share * (1 / near - 1 / far))
     else:
         depth_m = near + share * (far - near)
-    depth_m = np.where((values > 0) & (values < levels), depth_m, 0).astype(np.float32)
-    return _stored(depth_m, orientation, width, height)
+    known_m = np.where((values > 0) & (values < levels), depth_m, 0).astype(np.float32)
+    return _stored(known_m, orientation, width, height)
 
 
 def _stored(
