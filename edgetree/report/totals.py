@@ -137,7 +137,10 @@ class StandTotals:
         reasons = Counter(
             why for number, why in self._reasons[name].items() if number not in self._values[name]
         )
-        return f" ({escape(reasons.most_common(1)[0][0])})" if reasons else ""
+        if not reasons:
+            return ""
+        often = "mostly: " if len(reasons) > 1 else ""
+        return f" ({often}{escape(reasons.most_common(1)[0][0])})"
 
     def _rows(self) -> Iterator[list[parts.Cell | str]]:
         for name, words in _MEANS.items():
