@@ -4,7 +4,7 @@ In a page, a line `<!-- commands: edgetree -->` becomes the help of every comman
 and `<!-- api: calib.boards -->` the reference of every name in that package's `__all__`. With
 `except PACKAGE`, names that are also in the `__all__` of that package are left out.
 
-A line `<!-- schemas -->` becomes the list of the JSON Schemas.
+A line `<!-- schemas: edgetree -->` becomes the list of the JSON Schemas of a program.
 
 A line `<!-- constants: measure -->` becomes the tables of the measurement's constants. In the text,
 `{{LITTER_STD_M}}` becomes the value of a constant or of a field of `MeasureSettings`, and
@@ -40,7 +40,10 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         flags=re.MULTILINE,
     )
     markdown = re.sub(
-        r"^<!-- schemas -->$", lambda _: "\n".join(_schema_table()), markdown, flags=re.MULTILINE
+        r"^<!-- schemas: (\w+) -->$",
+        lambda found: "\n".join(_schema_table(found[1])),
+        markdown,
+        flags=re.MULTILINE,
     )
     markdown = re.sub(r"\{\{(\w+) ?(%|cm|mm|)\}\}", lambda found: _value(*found.groups()), markdown)
     return re.sub(
@@ -84,19 +87,19 @@ def _constant_tables() -> Iterator[str]:
         yield ""
 
 
-def _schema_table() -> Iterator[str]:
-    """A row for each JSON Schema: its name, what it is of, and its keys."""
-    from edgetree.schemas import json_schema, schema_names
+def _schema_table(program: str) -> Iterator[str]:
+    """A row for each JSON Schema of a program: its name, what it is of, and its keys."""
+    schemas = importlib.import_module(f"{program}.schemas")
 
     yield "| Schema | What has it | Keys (in italics if not always there) |\n| --- | --- | --- |"
-    for name in schema_names():
-        schema = json_schema(name)
-        made = schema["$defs"][schema["$ref"].rpartition("/")[2]]
+    for name in schemas.schema_names():
+        schema = schemas.json_schema(name)
+        made = schema["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
         words = " ".join(made.get("description", "").partition("\n\n")[0].split())
         required = made.get("required", ())
         keys = [
             f"`{key}`" if key in required else f"*`{key}`*"
-            for key in made["properties"]
+            for key in made.get("properties", ())
             if key != "schema"
         ]
         yield f"| `{name}` | {words} | {', '.join(keys) or '–'} |"

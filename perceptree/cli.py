@@ -19,12 +19,13 @@ from perceptree.commands.merge import merge
 from perceptree.commands.plot import plot
 from perceptree.commands.predict import predict
 from perceptree.commands.scene import scene
+from perceptree.commands.schema import schema
 from perceptree.commands.synth import synth
 from perceptree.commands.tables import tables
 from perceptree.commands.train import train
 
 app = new_app("Simulate forests, train tree detectors and evaluate them.", "perceptree")
-_DATA, _NETWORKS = "Data", "Networks"
+_DATA, _NETWORKS, _PROGRAMS = "Data", "Networks", "Programs"
 
 app.add(synth, "perceptree synth --out trees --frames 400", group=_DATA)
 app.add(scene, "perceptree scene --out scene.glb --seed 7", group=_DATA)
@@ -47,6 +48,7 @@ app.add(
 )
 app.add(tables, "perceptree tables trees --table 2 --out tables --minutes 60", group=_NETWORKS)
 app.add(import_, "perceptree import model_final.pth", group=_NETWORKS, name="import")
+app.add(schema, "perceptree schema perceptree.evaluation", group=_PROGRAMS)
 
 
 @app.callback(invoke_without_command=True)

@@ -22,7 +22,7 @@ from basetree.errors import InputFileError
 from basetree.files.headers import heif
 from basetree.files.headers.exif import UPRIGHT, orientation_words, turned_upright
 from basetree.files.headers.formats import has_known_signature, picture_header
-from basetree.files.headers.header import NotOffered, PictureHeader
+from basetree.files.headers.header import DepthNote, NotOffered, PictureHeader
 from basetree.files.headers.tiff import as_stored
 from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
@@ -110,14 +110,14 @@ class Picture:
         orientation: EXIF orientation, 1 to 8, as the file states it; 1 if it states none.
         format_name: Such as "JPEG", as the content says it.
         focal_px: Focal length in px that EXIF metadata state; None if they state none.
-        has_depth: Whether the file holds a depth image too, which is not read.
+        depth: What the depth image in the file is, which is not read here; None without one.
     """
 
     pixels: NDArray[Any]
     orientation: int = 1
     format_name: str = ""
     focal_px: float | None = None
-    has_depth: bool = False
+    depth: DepthNote | None = None
 
     def upright(self) -> NDArray[Any]:
         """The pixels turned as the orientation says, as viewers of pictures show them."""
@@ -184,9 +184,7 @@ def decode_picture(
 
 
 def _picture(pixels: NDArray[Any], header: PictureHeader) -> Picture:
-    return Picture(
-        pixels, header.orientation, header.format_name, header.focal_px, header.has_depth
-    )
+    return Picture(pixels, header.orientation, header.format_name, header.focal_px, header.depth)
 
 
 def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:

@@ -36,11 +36,13 @@ class Talk:
         quiet: Whether notes and the state of steps are left out.
         verbose: Whether what is logged from level INFO on is printed, and tracebacks of errors.
         log: Takes each line that is printed on stderr, or would be; None for no log.
+        remarks: What is kept for the end of a command, see `keep_remarks`; None if nothing is.
     """
 
     quiet: bool = False
     verbose: bool = False
     log: Callable[[str], None] | None = None
+    remarks: list[str] | None = None
 
 
 TALK: Final = Talk()
@@ -98,10 +100,24 @@ class LogNotes(logging.Handler):
         text = record.getMessage()
         if record.levelno >= logging.ERROR:
             complain(text)
+        elif TALK.remarks is not None and hasattr(record, "is_remark"):
+            TALK.remarks.append(text)
         elif record.levelno >= logging.WARNING or TALK.verbose:
             note(text)
         elif TALK.log is not None:
             TALK.log(short_line(text))
+
+
+def keep_remarks() -> None:
+    """Keep what is logged with `extra={"is_remark": True}`, until `note_remarks` prints it."""
+    TALK.remarks = []
+
+
+def note_remarks() -> None:
+    """Print the remarks that were kept, if any, and keep no more."""
+    remarks, TALK.remarks = TALK.remarks or [], None
+    for text in remarks:
+        note(text)
 
 
 class _BarStream(io.TextIOBase):

@@ -19,7 +19,7 @@ from typing import Any, NoReturn, TextIO
 import typer
 
 from basetree.errors import short_line
-from basetree.program.console import TALK, LogNotes, complain, note
+from basetree.program.console import TALK, LogNotes, complain, note, note_remarks
 from basetree.program.progress import duration
 from basetree.program.talking import end_talk
 
@@ -68,6 +68,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         fault = _fault(stdout)
         if fault is not None and code == 0:
             code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
+        note_remarks()
         if TALK.verbose:
             note(f"{name}: exit code {code} after {duration(time.monotonic() - start_s)}")
         end_talk()

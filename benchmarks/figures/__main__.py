@@ -9,11 +9,12 @@ import sys
 
 from basetree.files.writing import write_text
 from benchmarks.figures.accuracy import TABLES as ACCURACY
+from benchmarks.figures.counting import TABLES as COUNTING
 from benchmarks.figures.pages import ROOT, filled, pages, read
 from benchmarks.figures.paper import TABLES as PAPER
 from benchmarks.tools.program import command_line
 
-TABLES = ACCURACY | PAPER
+TABLES = ACCURACY | COUNTING | PAPER
 
 
 def main() -> None:

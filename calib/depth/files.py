@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from basetree.arrays import Float, Float32
 from basetree.errors import InputFileError
+from basetree.files.headers import heif
+from basetree.files.headers.header import PictureHeader
 from basetree.files.limits import current_limits
-from basetree.files.picture_size import most_picture_bytes
+from basetree.files.picture_size import checked_header, most_picture_bytes
 from basetree.files.reading import decode_image
 from basetree.files.regular import open_regular, read_regular
 from basetree.files.writing import write_image
@@ -36,8 +38,8 @@ def read_depth(path: Path | str, scale: float | None = None) -> Float32:
     """Read a depth map.
 
     Args:
-        path: Single-channel PNG, TIFF or .npy file of integers or floating point, told by its
-            first bytes.
+        path: Single-channel PNG, TIFF or .npy file of integers or floating point, or a HEIF
+            picture with a depth image of metres, told by its first bytes.
         scale: Metres per unit. By default integers are millimetres and floating point is metres.
 
     Returns:
@@ -80,6 +82,9 @@ def read_values(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: cannot be read ({error.strerror}), {expected}") from error
     if data.startswith(_ZIP):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
+    header = checked_header(data, str(path))
+    if header is not None and header.format_name == heif.FORMAT_NAME:
+        return _read_heif(path, data, header)
     image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
     if image is None and path.suffix.lower() == ".npy":
         raise _not_an_array(path)
@@ -87,6 +92,18 @@ def read_values(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: not a readable image, expected a depth PNG or TIFF")
     _check_memory(path, image.size, image.nbytes)
     return image
+
+
+def _read_heif(path: Path, data: bytes, header: PictureHeader) -> NDArray[Any]:
+    """The depth image in a picture's file, metres."""
+    holds = "no depth image" if header.depth is None else f"a depth image {header.depth.words}"
+    _check_memory(path, header.width * header.height, len(data))
+    is_metric = header.depth is not None and header.depth.is_metric
+    depth_m = heif.decode_depth(data) if is_metric else None
+    if depth_m is None:
+        why = " that cannot be decoded" if is_metric else ""
+        raise InputFileError(f"{path}: holds {holds}{why}, expected one with metres")
+    return depth_m
 
 
 def _read_array(path: Path, file: BinaryIO) -> NDArray[Any]:

@@ -233,13 +233,17 @@ def _pictures(frames: FrameSource, left_out: LeftOut) -> Iterator[Picture]:
     import cv2
     import numpy as np
 
+    from basetree.errors import InputError
     from calib.boards import Picture
     from edgetree.sources.source import readable
 
     for frame in track(readable(frames, left_out.add), "looking for the board", frames.count):
-        if frame.image is not None:
-            grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY)
-            yield Picture(frame.name, np.asarray(grey, np.uint8), frame.time_s)
+        try:
+            grey = cv2.cvtColor(frame.picture(), cv2.COLOR_BGR2GRAY)
+        except InputError as error:
+            left_out.add(error)
+            continue
+        yield Picture(frame.name, np.asarray(grey, np.uint8), frame.time_s)
 
 
 def _depth_scale(

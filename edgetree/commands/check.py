@@ -95,4 +95,5 @@ def check(
     if result.verdict.outcome == "failed":
         raise CheckFailed(f"{measured}: the check failed: {reasons}")
     if result.verdict.outcome == "undecided":
-        raise CheckUndecided(f"{measured}: the check is undecided: {reasons}")
+        far = "" if result.verdict.doubts else ", nothing wrong was found so far"
+        raise CheckUndecided(f"{measured}: the check is undecided{far}: {reasons}")

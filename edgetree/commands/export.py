@@ -28,7 +28,10 @@ def export(
     out: Annotated[Path, typer.Option(help="The .onnx file to write.")],
     data: Annotated[
         Path,
-        typer.Option(help="Folder of real frames, or a dataset, to compare file and model on."),
+        typer.Option(
+            help="Folder of real frames, or a dataset or its label file, to compare file and model"
+            " on."
+        ),
     ],
     *,
     settings: ExportSettings,
@@ -81,8 +84,10 @@ def check_inputs(checkpoint: Path, *folders: Path) -> None:
             f"{checkpoint}: is an exported model, expected its .safetensors checkpoint"
         )
     for folder in folders:
-        if not folder.is_dir():
-            raise InputError(f"{folder} is no folder: expected one with frames, or a dataset")
+        if not (folder.is_dir() or (folder.is_file() and folder.suffix == ".json")):
+            raise InputError(
+                f"{folder} is no folder: expected one with frames, or a dataset or its label file"
+            )
 
 
 @contextmanager

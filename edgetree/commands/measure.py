@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json, tell
+from basetree.program.console import keep_remarks, note, note_remarks, print_json, tell
 from basetree.program.options import expand_groups
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
@@ -269,6 +269,7 @@ def measure(
         work = ShardedFrames(image, depth, camera, model, rig_options, session, score_threshold)
         run_sharded(work, shards, vars(outputs), as_json=as_json)
         return
+    keep_remarks()
     rig, pair = rig_options.rig_and_pair(camera, depth, inputs.right)
     settings = rig_options.settings()
     opened = None if mask is not None else session.open_model(model, score_threshold)
@@ -302,6 +303,7 @@ def measure(
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)
         note(f"unlike the training pictures: {words}")
+    note_remarks()
     files = {"picture": outputs.out, "table": outputs.csv, "profiles": outputs.profiles}
     note_files({**files, "report": outputs.report})
     options = f"{quoted(image)}{rig_options.words(depth, camera)}{_words(inputs)}"

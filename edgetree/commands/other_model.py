@@ -35,7 +35,7 @@ class OtherModel:
         self._name = suited_model(with_depth=not used.manifest.takes_depth)
         self._opened: tuple[TreeDetector, Path] | None = None
         self._trials = self._better = 0
-        self._first = ""
+        self._first = self._fault = ""
 
     def opened(self) -> tuple[TreeDetector, Path]:
         """The model and its file.
@@ -64,8 +64,10 @@ class OtherModel:
         self._trials += 1
         try:
             theirs = process(self.opened()[0])
-        except EdgetreeError:
-            return None  # it was nobody's wish
+        except EdgetreeError as error:  # no reason to end: the user did not ask for it
+            self._fault = str(error)
+            self._trials = _MOST_TRIALS
+            return None
         mine_found, found = _found(result), _found(theirs)
         if found <= mine_found:
             return None
@@ -78,23 +80,25 @@ class OtherModel:
         return theirs
 
     def line(self, *, is_taken: bool) -> str | None:
-        """What was found in the only frame of a command; None if no more than before.
+        """What the trial of a command's only frame says; None if no more was found.
 
         Args:
             is_taken: Whether its result is taken.
         """
         if not self._better:
-            return None
+            return next(self.lines(), None)
         if is_taken:
             used = Path(self._used.session.name).stem
             return f"measured with {self._name}: {self._first}; --model {used} takes that one"
         return f"{self._first}: give --model {self._name}"
 
     def lines(self) -> Iterator[str]:
-        """What the trials say, with the option to give; nothing if it was never better."""
+        """What the trials say, with the option to give, or why there were none."""
         if self._better:
             times = f"{self._better} of {counted(self._trials, 'frame')} tried"
             yield f"--model {self._name} is better in {times}, in the first: {self._first}"
+        if self._fault:
+            yield f"--model {self._name} was not tried, although it may find more: {self._fault}"
 
     def _is_called_for(self, result: FrameResult) -> bool:
         frame = result.frame

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
-from basetree.program.console import note, print_json
+from basetree.program.console import keep_remarks, note, note_remarks, print_json
 from basetree.program.options import expand_groups
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
@@ -81,6 +81,7 @@ def run(
     from edgetree.sources.source_list import list_sources
     from edgetree.sources.videos import VideoFrames, is_picture, is_video
 
+    keep_remarks()
     sources = list_sources(source, recursive=inputs.recursive)
     one = sources.one
     check_options(sources, inputs, rig_options, outputs, shards)
@@ -158,6 +159,7 @@ def run(
     words = model_words(detector, model_path)
     for line in (*totals.lines(), *source_remarks(frames), words, *other.lines()):
         note(line)
+    note_remarks()
     is_video_out = outputs.out is not None and outputs.out.is_file()
     words_of = {**_FILES, **({"out": "video"} if is_video_out else {})}
     note_files({words: outputs.path_if(guarded, name) for name, words in words_of.items()})

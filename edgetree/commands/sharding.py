@@ -173,7 +173,8 @@ def run_sharded(
         print_merged(merge_frames(parts, outputs, lines_to_stdout=not as_json), outputs, as_json)
         return
     if as_json:
-        print_json({"store": store.where, "shard": str(shard), "manifest": shard.file})
+        values = {"store": store.where, "shard": str(shard), "manifest": shard.file}
+        print_json({"schema": "edgetree.written-shard/1", **values})
     note(f"shard {shard}: {store.where}/{shard.file}")
     note(
         f"next, when all shards are finished: edgetree merge {quoted(store.where)} --csv trees.csv"

@@ -20,7 +20,10 @@ def verify(
     checkpoint: Annotated[
         Path, typer.Argument(metavar="CKPT", help="The checkpoint that it was exported from.")
     ],
-    data: Annotated[Path, typer.Option(help="Folder of real frames, or a dataset, to compare on.")],
+    data: Annotated[
+        Path,
+        typer.Option(help="Folder of real frames, or a dataset or its label file, to compare on."),
+    ],
     as_json: Json = False,
 ) -> None:
     """Repeat the parity check of an export, on any frames and on this machine."""

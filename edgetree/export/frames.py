@@ -76,7 +76,8 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
 
     Args:
         folder: a dataset, with its frames in `images` or `depth` or where its label files name
-            them, or a folder of images. Depth frames are 16-bit PNG files in millimetres.
+            them, or a folder of images, or one label file. Depth frames are 16-bit PNG files in
+            millimetres.
         modality: `rgb` or `depth`.
         most: Largest number of frames.
         test_split: Take only frames of the dataset's test split, or of `val`, if it has one. No
@@ -85,21 +86,29 @@ def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = Fa
     Raises:
         InputError: The folder does not exist or holds no images.
     """
-    if not folder.is_dir():
+    if not folder.exists():
         raise InputError(f"{folder} is no folder: expected one with {modality} frames")
-    subfolder = folder / _DATASET_FOLDERS[modality]
-    images = subfolder if subfolder.is_dir() else folder
-    suffixes = IMAGE_SUFFIXES if modality == "rgb" else (".png",)
-    paths = sorted(path for path in images.iterdir() if path.suffix.lower() in suffixes)
-    chosen = _test_split_names(folder) if test_split else frozenset()
-    paths = [path for path in paths if path.stem in chosen] or paths
+    paths = _pictures(folder, modality, test_split) if folder.is_dir() else []
     paths = paths or _labelled_frames(folder, modality, test_split=test_split)
     if not paths:
-        raise InputError(
-            f"folder {images} has no {modality} frames: expected {', '.join(suffixes)}"
-        )
+        suffixes = ", ".join(_suffixes(modality))
+        raise InputError(f"{folder} has no {modality} frames: expected {suffixes}")
     count = min(most, len(paths))
     return [paths[i * len(paths) // count] for i in range(count)]
+
+
+def _suffixes(modality: str) -> tuple[str, ...]:
+    return IMAGE_SUFFIXES if modality == "rgb" else (".png",)
+
+
+def _pictures(folder: Path, modality: str, test_split: bool) -> list[Path]:
+    """The pictures in a folder, or in its folder of the modality."""
+    subfolder = folder / _DATASET_FOLDERS[modality]
+    images = subfolder if subfolder.is_dir() else folder
+    suffixes = _suffixes(modality)
+    paths = sorted(path for path in images.iterdir() if path.suffix.lower() in suffixes)
+    chosen = _test_split_names(folder) if test_split else frozenset()
+    return [path for path in paths if path.stem in chosen] or paths
 
 
 def _labelled_frames(folder: Path, modality: str, *, test_split: bool) -> list[Path]:

@@ -83,6 +83,12 @@ class Frame:
                 f" {_LARGEST_TIME_S:g}"
             )
 
+    def picture(self) -> NDArray[np.uint8]:
+        """The image, (H, W, 3) BGR; raises InputError if the frame has depth alone."""
+        if self.image is None:
+            raise InputError(f"{self.where} is a depth image: expected a picture of 8 bits")
+        return self.image
+
     @property
     def where(self) -> str:
         """What messages call the frame: its file, or its name if it has none."""

@@ -275,9 +275,11 @@ class Rig:
 def _tell_assumed(*words: str) -> None:
     if words:
         _log.warning(
-            "the errors of the rig are not given; standard deviations taken: %s; give them with"
-            " --rig-errors (in Python Rig(uncertainty=...))",
+            "± takes in usual errors of a camera, as nothing states those of yours: %s; `edgetree"
+            " calibrate` measures them, and --rig-errors states them (in Python"
+            " Rig(uncertainty=...))",
             ", ".join(words),
+            extra={"is_remark": True},
         )
 
 

@@ -125,6 +125,11 @@ def _errors_naming(path: Path) -> Iterator[None]:
     try:
         yield
     except _NotOnnx as error:
+        if path.suffix == ".safetensors":
+            raise ModelFileError(
+                f"model {path} is a checkpoint: expected the .onnx file that `edgetree export`"
+                " makes of it; `perceptree eval` takes checkpoints"
+            ) from error
         raise ModelFileError(
             f"model {path} is not an ONNX model ({error}):"
             " expected a file made by `edgetree export`"

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from html import escape
 from typing import Final, NamedTuple
 
+from basetree.counts import counted
 from basetree.page import parts
-from edgetree.measure import Estimate, TreeMeasurement
+from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.report.units import BASAL_AREA, UNITS, length_attributes
 
 _MEANS: Final = {"diameter_m": "mean diameter at the felling cut", "dbh_m": "mean DBH"}
@@ -64,6 +67,9 @@ class StandTotals:
     _values: dict[str, dict[int, _Value]] = field(
         default_factory=lambda: {name: {} for name in (*_MEANS, "volume_m3")}
     )
+    _reasons: dict[str, dict[int, str]] = field(
+        default_factory=lambda: {name: {} for name in (*_MEANS, "volume_m3")}
+    )
     _trees: set[int] = field(default_factory=set)
 
     def add(self, tree: TreeMeasurement, number: int) -> None:
@@ -76,6 +82,8 @@ class StandTotals:
         self._trees.add(number)
         for name, values in self._values.items():
             value = getattr(tree, name)
+            if isinstance(value, Failure):
+                self._reasons[name][number] = value.reason
             if isinstance(value, Estimate) and (
                 number not in values or value.std < values[number].estimate.std
             ):
@@ -105,9 +113,34 @@ class StandTotals:
             "± is one standard deviation of the measurement, with the rig's own errors, which do"
             f" not average away. Trees without a value are in none of these, and {counting}."
         )
-        return parts.heading("Totals", words) + parts.table(
-            ["", "value", "trees with it"], rows, kind="text"
+        table = parts.table(["", "value", "trees with it"], rows, kind="text")
+        return parts.heading("Totals", words) + table + parts.note(" ".join(self._missing()))
+
+    def _missing(self) -> Iterator[str]:
+        """What the totals lack, as sentences of HTML: sums of a part of the trees, and no sums."""
+        sums = {"dbh_m": "basal area"} if self.area_ha is not None else {}
+        for name, words in (sums | {"volume_m3": "sum of stem volumes"}).items():
+            lacking = len(self._trees) - len(self._values[name])
+            if lacking and self._values[name]:
+                yield (
+                    f"The {words} is of a part: {counted(lacking, 'tree')} without a value would"
+                    f" come on top{self._why(name)}."
+                )
+        for name, words in {**_MEANS, "volume_m3": "sum of stem volumes"}.items():
+            if not self._values[name]:
+                yield f"There is no {words}{self._why(name)}."
+        if self.area_ha is None:
+            yield "There is no basal area: no --area is given."
+
+    def _why(self, name: str) -> str:
+        """The most frequent reason of the trees without a value; empty if none is known."""
+        reasons = Counter(
+            why for number, why in self._reasons[name].items() if number not in self._values[name]
         )
+        if not reasons:
+            return ""
+        often = "mostly: " if len(reasons) > 1 else ""
+        return f" ({often}{escape(reasons.most_common(1)[0][0])})"
 
     def _rows(self) -> Iterator[list[parts.Cell | str]]:
         for name, words in _MEANS.items():

@@ -6,26 +6,9 @@ from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 from msgspec import Meta
 
-from edgetree.schemas.results import Count, Frame, Share, Sides, Triple
-
-Side = Annotated[int, Meta(ge=1)]
-Above0 = Annotated[float, Meta(gt=0)]
-Deviation = Annotated[float, Meta(ge=0)]
-
-
-class Camera(TypedDict):
-    """Intrinsics in OpenCV's convention."""
-
-    width: Side
-    height: Side
-    fx: Above0
-    fy: Above0
-    cx: float
-    cy: float
-    distortion: NotRequired[list[float]]
-    distortion_model: NotRequired[Literal["radtan", "fisheye"]]
-    focal_std_px: NotRequired[Deviation]
-    principal_std_px: NotRequired[Deviation]
+from basetree.schemas import Count, Share, Sides, Triple
+from calib.schemas import Above0, Camera, Deviation
+from edgetree.schemas.results import Frame
 
 
 class CameraFile(Camera):

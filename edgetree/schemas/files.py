@@ -6,11 +6,13 @@ from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 from msgspec import Meta
 
+from basetree.schemas import Count, Sha256, Share, Triple
+from calib.schemas import Camera
+from edgetree.measure import MeasureSettings
+from edgetree.measure.rig_uncertainty import RigUncertainty
 from edgetree.results.service_state import StateName
-from edgetree.schemas.commands import Camera
-from edgetree.schemas.results import Count, Frame, Triple
-
-Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+from edgetree.schemas.commands import Rotated
+from edgetree.schemas.results import Frame
 
 
 class State(TypedDict):
@@ -110,3 +112,58 @@ class RecordingFrame(TypedDict):
     stamp_ns: int
     camera: Camera | None
     up_camera: Triple | None
+
+
+class RecordedModel(TypedDict):
+    """The model file of a recording."""
+
+    file: str
+    sha256: Sha256
+
+
+class RecordedRig(TypedDict):
+    """The cameras of a recording; null where nothing was given."""
+
+    camera: Camera | None
+    up_camera: Triple | None
+    mounting: Rotated | None
+    uncertainty: RigUncertainty
+
+
+class Recording(TypedDict):
+    """What `edgetree live --record` says of the run, on the topic /edgetree/recording."""
+
+    schema: Literal["edgetree.recording/1"]
+    edgetree: str
+    source: str
+    model: RecordedModel
+    score_threshold: Share
+    rig: RecordedRig
+    measure: MeasureSettings
+    frames: Count
+    left_out: Count
+    marks: list[Any]
+
+
+class WrittenShard(TypedDict):
+    """`edgetree run --shard --json` and that of `perceptree`: where a finished shard is."""
+
+    schema: Literal["edgetree.written-shard/1"]
+    store: str
+    shard: str
+    manifest: str
+
+
+class Signed(TypedDict):
+    """A signature of a payload."""
+
+    keyid: str
+    sig: str
+
+
+class SignatureFile(TypedDict):
+    """A model's `.sig` file, an envelope in the form DSSE; no key `schema`."""
+
+    payloadType: str
+    payload: str
+    signatures: list[Signed]

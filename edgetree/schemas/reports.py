@@ -6,13 +6,15 @@ from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 from msgspec import UNSET, Meta, UnsetType, defstruct
 
+from basetree.schemas import Count, Share, Sides
 from calib.boards.result import Dropped, Parameter, ViewResult
+from calib.schemas import Camera
 from edgetree.conformance.compare import Quantity
 from edgetree.conformance.tolerances import Tolerance
 from edgetree.demo.comparison import QUANTITIES
 from edgetree.doctor import Libraries, Machine, ModelFile, ProviderResult, Speed
-from edgetree.schemas.commands import Camera, DepthScale
-from edgetree.schemas.results import METRES_FIELDS, Count, Evidence, Share, Sides
+from edgetree.schemas.commands import DepthScale
+from edgetree.schemas.results import METRES_FIELDS, Evidence
 
 
 class Calibrate(TypedDict):

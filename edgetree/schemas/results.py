@@ -7,30 +7,21 @@ from typing import Annotated, Any, Final, Literal, NotRequired, TypedDict
 
 from msgspec import UNSET, Meta, UnsetType, defstruct
 
+from basetree.schemas import Count, Share, Triple
+from calib.schemas import RunLengths
 from edgetree.measure.estimates import QUANTITIES, interval_keys
 from edgetree.results.json_records import TRACK_QUANTITIES
 
-Share = Annotated[float, Meta(ge=0, le=1)]
-Count = Annotated[int, Meta(ge=0)]
-Triple = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Box = Annotated[list[float], Meta(min_length=4, max_length=4, description="x0, y0, x1, y1 in px")]
-Sides = Annotated[list[int], Meta(min_length=2, max_length=2)]
 
 
-def _intervals(quantities: Iterable[str]) -> list[tuple[str, Any, Any]]:
+def intervals(quantities: Iterable[str]) -> list[tuple[str, Any, Any]]:
     """The keys of each quantity: a value with its deviation and interval, or a failure."""
     return [
         (key, str | UnsetType if key.endswith("_failure") else float | UnsetType, UNSET)
         for quantity in quantities
         for key in interval_keys(quantity)
     ]
-
-
-class MaskRle(TypedDict):
-    """COCO compressed run lengths."""
-
-    size: Sides
-    counts: str
 
 
 class Profile(TypedDict):
@@ -58,7 +49,7 @@ class Evidence(TypedDict):
 
 
 METRES_FIELDS: Final[list[tuple[str, Any, Any]]] = [
-    *_intervals(QUANTITIES),
+    *intervals(QUANTITIES),
     ("species", str | None, None),
     ("profile", Profile | UnsetType, UNSET),
     ("profile_failure", str | UnsetType, UNSET),
@@ -93,7 +84,7 @@ class Tree(TypedDict):
     score: Share
     box_px: Box
     keypoints_px: NotRequired[dict[str, Triple]]
-    mask_rle: NotRequired[MaskRle]
+    mask_rle: NotRequired[RunLengths]
     pixels: Pixels
     metres: Metres | None  # type: ignore[valid-type]
     metres_need: NotRequired[str | None]
@@ -150,7 +141,7 @@ Track = defstruct(
         ("position_m", Triple),
         ("position_std_m", Triple),
         ("position_camera_m", Triple),
-        *_intervals(TRACK_QUANTITIES),
+        *intervals(TRACK_QUANTITIES),
         ("frames", Count),
         ("views", Count),
         ("arc_deg", float),

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from basetree.counts import counted
 from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES
+from basetree.files.headers.header import DepthNote
+from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES
+from basetree.files.picture_size import has_deep_grey
 from calib import CameraError
 from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
@@ -186,6 +188,8 @@ def depth_inside(folder: Path) -> Path | None:
 def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     """The file or folder of depth of a source that holds no pictures; None for another source.
 
+    Pictures of one channel with more than 8 bits are depth, too.
+
     Args:
         source: A file or folder.
         depth: Its depth as the user gave it, which may be the source itself.
@@ -193,8 +197,11 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
     is_same = depth is not None and depth.exists() and source.exists() and depth.samefile(source)
     if depth is not None and not is_same:
         return None
+    if is_same and not source.is_dir() and has_suffix(source, HEIF_SUFFIXES):
+        return None  # a picture with its depth in one file
     if not source.is_dir():
-        return source if is_same or source.suffix.lower() == _ARRAY else None
+        is_depth = is_same or source.suffix.lower() == _ARRAY or _are_deep([source])
+        return source if is_depth else None
     if with_files(source, COLOUR_FOLDERS, image_suffixes()) != source:
         return None
     names = [path for path in source.iterdir() if path.is_file() and not path.name.startswith(".")]
@@ -208,7 +215,14 @@ def depth_alone(source: Path, depth: Path | None = None) -> Path | None:
         is_depth_name(path.stem) != is_depth_name(pictures[0].stem) for path in pictures
     )
     is_lossy = any(path.suffix.lower() not in DEPTH_SUFFIXES for path in pictures)
-    return source if is_same and not (is_mixed or is_lossy) else None
+    is_depth = not (is_mixed or is_lossy) and (is_same or _are_deep(pictures))
+    return source if is_depth else None
+
+
+def _are_deep(pictures: Sequence[Path]) -> bool:
+    """Whether pictures have one channel of more than 8 bits; of many the first, middle and last."""
+    looked_at = {pictures[place] for place in (0, len(pictures) // 2, -1)}
+    return all(has_suffix(path, DEPTH_SUFFIXES) and has_deep_grey(path) for path in looked_at)
 
 
 def _open_folder(
@@ -277,6 +291,8 @@ def with_depth(
         return [(path, None) for path in paths]
     if not depth.is_dir():
         raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+    if depth.samefile(folder) and all(has_suffix(path, HEIF_SUFFIXES) for path in paths):
+        return [(path, path) for path in paths]  # the depth of each is in its own file
     depth = with_files(depth, DEPTH_FOLDERS, (*DEPTH_SUFFIXES, *CLOUD_SUFFIXES))
     present = {path.name for path in depth.iterdir()}
     if depth.resolve() == folder.resolve():
@@ -320,7 +336,7 @@ class _ImageFrames(BaseSource):
                 f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
                 f" expected one for image {path}"
             )
-        image, focal_px = self._pixels(path, self._upright and depth is None)
+        image, focal_px = self._pixels(path, depth)
         if depth is None:
             return Frame(name, path, image, exif_focal_px=focal_px)
         size_px = (image.shape[1], image.shape[0])
@@ -329,21 +345,37 @@ class _ImageFrames(BaseSource):
             return Frame(name, path, image, beams.depth_m, filled_depth_m=beams.filled_m)
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
-    def _pixels(self, path: Path, upright: bool) -> tuple[NDArray[np.uint8], float | None]:
+    def _pixels(self, path: Path, depth: Path | None) -> tuple[NDArray[np.uint8], float | None]:
         """Read an image and its focal length; the first one that states an orientation is told."""
-        picture = read_colour(path)
+        picture, upright = read_colour(path), self._upright and depth is None
         if picture.orientation != 1 and not self._has_told:
             self._has_told = True
             _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
-        if picture.has_depth and not self._told_depth:
+        if picture.depth is not None and depth in (None, path) and not self._told_depth:
             self._told_depth = True
             _log.warning(
-                "%s holds a depth image, which is not used as the file does not say its unit:"
-                " record with Record3D or Stray Scanner for metres",
-                path,
+                "%s",
+                _depth_words(
+                    path, picture.depth, is_taken=depth is not None and picture.depth.is_metric
+                ),
             )
         pixels = np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
         return pixels, picture.focal_px
+
+
+def _depth_words(path: Path, depth: DepthNote, *, is_taken: bool) -> str:
+    """What is told of a depth image in a picture's file."""
+    if is_taken:
+        return (
+            f"depth of {path} is its own image {depth.words}; nothing says how far its scale is"
+            " off: --rig-errors scale=SHARE does"
+        )
+    if depth.is_metric:
+        return f"{path} holds a depth image {depth.words}: --depth {path} takes it"
+    return (
+        f"{path} holds a depth image {depth.words}, so it is not used: record with Record3D or"
+        " Stray Scanner for metres"
+    )
 
 
 class _Stream(BaseSource):

@@ -118,15 +118,13 @@ class _StereoFrames(BaseSource):
             side.close()
 
     def _frame(self, left: Frame, right: Frame) -> Frame:
-        assert left.image is not None
-        assert right.image is not None
-        if left.image.shape != right.image.shape:
+        first, second = left.picture(), right.picture()
+        if first.shape != second.shape:
             raise InputError(
-                f"{right.where} is {right.image.shape[1]}x{right.image.shape[0]} px: expected"
-                f" {left.image.shape[1]}x{left.image.shape[0]} px, like {left.where}"
+                f"{right.where} is {second.shape[1]}x{second.shape[0]} px: expected"
+                f" {first.shape[1]}x{first.shape[0]} px, like {left.where}"
             )
-        pair = self._of_size(left.image, left.where)
-        return stereo_frame(left, right.image, pair, self._rig)
+        return stereo_frame(left, second, self._of_size(first, left.where), self._rig)
 
     def _of_size(self, image: NDArray[np.uint8], where: str) -> StereoPair:
         size = (image.shape[1], image.shape[0])

@@ -53,7 +53,8 @@ def check(
     started = Check(directory, fold, entire_tree, crowds_as_trees)
     with progress("checking", len(started), shown=not as_json) as bar:
         report = started.run(progress=bar.update)
-    print_found(as_json, report.to_dict, lambda: _report_lines(report))
+    record = {"schema": "perceptree.data-check/1", **report.to_dict()}
+    print_found(as_json, lambda: record, lambda: _report_lines(report))
     if report.findings:
         raise typer.Exit(1)
     if not as_json:
@@ -145,7 +146,8 @@ def compare(
         comparison = compare_pictures(taken, drawn, bar.update)
     write_text(out, likeness_page(comparison))
     if as_json:
-        print_json(comparison.to_dict() | {"page": str(out)})
+        values = {**comparison.to_dict(), "page": str(out)}
+        print_json({"schema": "perceptree.data-compare/1", **values})
         return
     for difference in comparison.differences[:5]:
         tell(

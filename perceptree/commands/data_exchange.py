@@ -153,7 +153,8 @@ def _write(
         for split, frames in splits.items()
     }
     if as_json:
-        print_json({"out": str(out), "form": form, "splits": counts})
+        values = {"out": str(out), "form": form, "splits": counts}
+        print_json({"schema": "perceptree.data-written/1", **values})
         return
     for name, count in counts.items():
         tell(f"{name:5} {counted(count['pictures'], 'picture')}, {counted(count['trees'], 'tree')}")

@@ -113,7 +113,7 @@ def import_(
         say(f"{checkpoint} does not contain these settings, assumed: {assumed}")
     facts = _facts(imported, out)
     if as_json:
-        print_json(facts)
+        print_json({"schema": "perceptree.import/1", **facts})
         return
     _show(facts)
 

@@ -124,7 +124,8 @@ def _drawing_names(paths: list[Path]) -> dict[Path, str]:
 def _print_result(pictures: int, trees: int, folder: Path, out: Path, as_json: bool) -> None:
     labels = out / _LABELS_FILE
     if as_json:
-        print_json({"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)})
+        values = {"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)}
+        print_json({"schema": "perceptree.predict/1", **values})
         return
     tell(f"{counted(trees, 'tree')} in {counted(pictures, 'image')}, drawn in {out}")
     tell(f"next: correct {labels} in a labelling tool that reads COCO, with the images in {folder}")

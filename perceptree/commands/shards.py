@@ -71,7 +71,12 @@ def location(where: Path) -> str:
 
 def print_shard(store: Store, shard: Shard, as_json: bool) -> None:
     """Print where a finished shard is, and what to do next."""
-    values = {"store": store.where, "shard": str(shard), "manifest": shard.file}
+    values = {
+        "schema": "edgetree.written-shard/1",
+        "store": store.where,
+        "shard": str(shard),
+        "manifest": shard.file,
+    }
     lines = [
         f"shard {shard}: {store.where}/{shard.file}",
         f"next, when all shards are finished: perceptree merge {store.where}",

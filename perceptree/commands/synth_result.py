@@ -26,7 +26,11 @@ def print_result(report: SynthReport, as_json: bool, frozen: str | None = None) 
     from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
     from perceptree.simulator.dataset.pages import PAGE_FILE
 
-    values: dict[str, Any] = {**dataclasses.asdict(report), "directory": str(report.directory)}
+    values: dict[str, Any] = {
+        "schema": "perceptree.synth/1",
+        **dataclasses.asdict(report),
+        "directory": str(report.directory),
+    }
     lines = [
         f"{split}: {counted(count, 'frame')}, {counted(report.trees[split], 'tree')}"
         for split, count in report.frames.items()

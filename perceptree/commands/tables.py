@@ -131,7 +131,8 @@ def tables(
     engine = Engine(**given(machine, Engine))
     record = build_table(settings, data, test or data, out, engine, _watch(not as_json))
     page = f"\n{out / 'tables.md'}"
-    print_found(as_json, lambda: record, lambda: [*table_lines(record), page])
+    values = {"schema": "perceptree.table/1", **record}
+    print_found(as_json, lambda: values, lambda: [*table_lines(record), page])
 
 
 def _numbers(text: str) -> tuple[int, ...]:

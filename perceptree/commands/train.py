@@ -74,6 +74,7 @@ def _print_result(report: TrainReport, data: Path, as_json: bool) -> None:
     if as_json:
         print_json(
             {
+                "schema": "perceptree.train/1",
                 "checkpoint": str(report.checkpoint),
                 "steps": report.steps,
                 "elapsed_s": round(report.elapsed_s, 1),

@@ -87,6 +87,11 @@ def tensors_of(spec: ModelSpec) -> dict[str, torch.Tensor]:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
     check_is_file(path, "a .safetensors checkpoint")
+    if path.suffix == ".onnx":
+        raise CheckpointError(
+            f"{path}: is an exported model, expected its .safetensors checkpoint; `edgetree eval`"
+            " and `edgetree run` take exported models"
+        )
     if not is_utf8(path):
         raise CheckpointError(f"{path}: its path is not UTF-8, expected another name")
     try:

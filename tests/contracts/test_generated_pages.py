@@ -39,7 +39,10 @@ def test_an_unknown_name_is_an_error(generated):
 
 
 def test_the_page_of_schemas_lists_each_with_its_keys(generated):
-    rows = generated("<!-- schemas -->").splitlines()
+    rows = generated("<!-- schemas: perceptree -->").splitlines()
+    assert [row for row in rows if row.startswith("| `perceptree.labels/2`") if "`images`" in row]
+    assert [row for row in rows if row.startswith("| `perceptree.scene-frames/1`")]
+    rows = generated("<!-- schemas: edgetree -->").splitlines()
     (row,) = (row for row in rows if row.startswith("| `edgetree.run/1`"))
     assert "`edgetree run --json`" in row
     assert "`frames`" in row

@@ -33,10 +33,10 @@ BAG_PACKAGES = {"rosbags", "mcap", "mcap_protobuf", "zstandard", "lz4", "av"}
 FILE_KINDS = {"edgetree.sources.bags.mcap_file", "edgetree.sources.bags.ros1_file"}
 MAY_IMPORT = {
     "basetree": {"basetree", "numpy", "cv2", "typer", "msgspec", "ray", "fsspec", "pillow_heif"},
-    "calib": {"calib", "basetree", "numpy", "cv2", "yaml", "laspy", "lazrs"},
+    "calib": {"calib", "basetree", "numpy", "cv2", "yaml", "laspy", "lazrs", "msgspec"},
     "fleet": {"fleet", "basetree"},
     "perceptree": TRAINING_STACK
-    | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib"},
+    | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib", "msgspec"},
 }
 EDGETREE_BASE_DEPENDENCIES = {
     *("edgetree", "calib", "basetree", "numpy", "cv2", "typer", "msgspec"),

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from both_model import manifest_of_both, model_bytes
 from numpy.typing import NDArray
+from schema_check import check_printed
 
 import calib
 import edgetree.frames.references
@@ -67,6 +68,7 @@ def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
             cli.main()
         out, err = capfd.readouterr()
         assert isinstance(ended.value.code, int)
+        check_printed(arguments, out)
         return Done(ended.value.code, out, err)
 
     return run

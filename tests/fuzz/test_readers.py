@@ -87,7 +87,7 @@ EXCEPTIONS = {
     "perceptree/simulator/dataset/scene_job.py:records": OWN,
     "perceptree/simulator/photographs/folder.py:_credits": LICENCES,
     "perceptree/simulator/photographs/folder.py:_sha256": SUMS,
-    "perceptree/simulator/rendering/kernel_cache.py:sources_sha256": OWN,
+    "perceptree/simulator/kernel_cache.py:sources_sha256": OWN,
     "perceptree/simulator/rows.py:read_rows": OWN,
     "perceptree/simulator/sensors/imaging.py:_jpeg": MEMORY,
     "perceptree/tables/results.py:make_result": OWN,

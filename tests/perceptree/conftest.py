@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from pycocotools import mask as coco_mask
+from schema_check import check_printed
 
 import calib
 from perceptree.cli import main
@@ -134,6 +135,8 @@ def call(
         with pytest.raises(SystemExit) as caught:
             main()
         assert isinstance(caught.value.code, int)
-        return caught.value.code, *capsys.readouterr()
+        out, err = capsys.readouterr()
+        check_printed(arguments, out)
+        return caught.value.code, out, err
 
     return run

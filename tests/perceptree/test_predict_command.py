@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from schema_check import check_schema
 
 import calib
 from perceptree.data import read_split
@@ -130,7 +131,9 @@ def test_depth_is_read_in_millimetres_and_8_bit(
             cv2.imwrite(str(folder / "a.png"), grey)
         out = tmp_path / f"{name}_out"
         assert call("predict", checkpoints["depth"], folder, "--out", out)[0] == 0
-        found.append(json.loads((out / "labels.json").read_text())["annotations"])
+        labels = json.loads((out / "labels.json").read_text())
+        check_schema(labels, "calib.found-labels")
+        found.append(labels["annotations"])
     assert found[0] == found[1] != []
 
 

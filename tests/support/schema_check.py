@@ -1,10 +1,11 @@
-"""Check a JSON object against its schema, with no key that the schema does not name."""
+"""Check JSON objects against their schemas, with no key that the schema does not name."""
 
 from __future__ import annotations
 
+import importlib
+import json
+from functools import cache
 from typing import Any
-
-from edgetree.schemas import json_schema
 
 try:
     import jsonschema
@@ -24,12 +25,30 @@ def closed(schema: Any) -> Any:
     return inner
 
 
-def check_schema(record: Any) -> str:
-    """Raise if a JSON object is not as its schema says; returns the schema's name.
+@cache
+def _validator(name: str) -> Any:
+    package = "perceptree" if name.startswith("perceptree.") else "edgetree"
+    schemas = importlib.import_module(f"{package}.schemas")
+    return jsonschema.Draft202012Validator(closed(schemas.json_schema(name)))
+
+
+def check_schema(record: Any, name: str | None = None) -> str:
+    """Raise if a JSON value is not as its schema says; returns the schema's name.
 
     Without `jsonschema` nothing is checked.
+
+    Args:
+        record: The value.
+        name: Its schema; what it says itself if None.
     """
-    name: str = record["schema"]
+    name = record["schema"] if name is None else name
     if jsonschema is not None:
-        jsonschema.Draft202012Validator(closed(json_schema(name))).validate(record)
+        _validator(name).validate(record)
     return name
+
+
+def check_printed(arguments: tuple[object, ...], out: str) -> None:
+    """Check what a command printed with `--json`; other output is not looked at."""
+    if "--json" in arguments and out.startswith("{"):
+        for line in out.splitlines():
+            check_schema(json.loads(line))

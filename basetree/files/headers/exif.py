@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 UPRIGHT = 1
+INVERSE = {6: 8, 8: 6}  # of orientations; the others are their own
 _ORIENTATION, _SHORT, _LONG, _RATIONAL = 274, 3, 4, 5
 _MOST_ENTRIES = 4096
 _EXIF_DIRECTORY = 34665

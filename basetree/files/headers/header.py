@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 
 class NotOffered(ValueError):
     """A picture of a kind that is not read; the message names the kind and what to do."""
+
+
+class DepthNote(NamedTuple):
+    """What a depth image in a picture's file is.
+
+    Attributes:
+        words: To follow "a depth image".
+        is_metric: Whether its values are metres, so that it can be read.
+    """
+
+    words: str
+    is_metric: bool
 
 
 @dataclass(frozen=True)
@@ -23,7 +36,7 @@ class PictureHeader:
         orientation: EXIF orientation, 1 to 8: how the stored pixels are to be turned; 1 if the
             file states none.
         focal_px: Focal length in px that EXIF metadata state; None if they state none.
-        has_depth: Whether a depth image of an unknown unit is in the file, which is not read.
+        depth: What the depth image in the file is; None if there is none.
         is_whole: Whether the file holds the bytes that it states, as far as that is told.
     """
 
@@ -36,7 +49,7 @@ class PictureHeader:
     orientation: int = 1
     is_whole: bool = True
     focal_px: float | None = None
-    has_depth: bool = False
+    depth: DepthNote | None = None
 
     def reading_bytes(self, channels: int, sample_bytes: int) -> int:
         """Memory that reading takes at its peak, for decoded pixels of so many bytes.

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import install_hint
-from basetree.files.headers.exif import UPRIGHT, read_focal_px, turned_upright
+from basetree.files.headers.exif import INVERSE, UPRIGHT, read_focal_px, turned_upright
 from basetree.files.headers.header import NotOffered, PictureHeader
+from basetree.files.headers.heif_depth import depth_metres, depth_note
 
 FORMAT_NAME = "HEIF"
 _BYTES_PER_PX = 8  # of the decoder, which holds the picture in planes and in colours
 _MOST_BOXES = 10_000
-_INVERSE = {6: 8, 8: 6}
 
 
 def is_readable() -> bool:
@@ -52,7 +52,7 @@ def read_header(data: bytes) -> PictureHeader | None:
         decoder_bytes=width * height * _BYTES_PER_PX,
         orientation=orientation,
         focal_px=read_focal_px(exif, width, height),
-        has_depth=bool(picture.info.get("depth_images")),
+        depth=depth_note(picture, orientation),
     )
 
 
@@ -70,8 +70,18 @@ def decode(data: bytes) -> NDArray[np.uint8] | None:
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] < 3:
         return None
     orientation = _orientation(data)
-    stored = turned_upright(pixels[..., 2::-1], _INVERSE.get(orientation, orientation))
+    stored = turned_upright(pixels[..., 2::-1], INVERSE.get(orientation, orientation))
     return np.ascontiguousarray(stored)
+
+
+def decode_depth(data: bytes) -> NDArray[np.float32] | None:
+    """The depth image of a file whose header says that it has metres, in the stored pixels.
+
+    Returns:
+        (H, W) metres, 0 for no reading; None if it cannot be decoded.
+    """
+    picture = _opened(data)
+    return None if picture is None else depth_metres(picture, _orientation(data))
 
 
 def _opened(data: bytes) -> Any:

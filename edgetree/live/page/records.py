@@ -18,7 +18,7 @@ from edgetree.measure.estimates import interval_keys, interval_values
 
 PAGE_SCHEMA: Final = "edgetree.live.page/1"
 
-_QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
+QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
 
 
 def page_record(result: LiveResult) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def _stem(track: TreeTrack, axes: Float, now_s: float) -> dict[str, Any]:
         "plan_std_m": round(float(np.max(track.position_m.std_m[:2])), 4),
         "distance_m": round(math.hypot(right_m, ahead_m), 3),
     }
-    for quantity in _QUANTITIES:
+    for quantity in QUANTITIES:
         estimate = getattr(track, quantity)
         if estimate:
             values = (round(value, 4) for value in estimate)

@@ -21,6 +21,7 @@ from perceptree.simulator.dataset.storage import write_atomically
 
 PAGE_FILE = "statistics.html"
 FIGURES_FILE = "statistics.json"
+_SCHEMA = "perceptree.statistics/1"
 
 _TREE_CHARTS = {
     "visible_fraction": ("Visible share of the lower stem", ""),
@@ -50,7 +51,8 @@ def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> Figure
         OSError: If a file cannot be written.
     """
     figures = dataset_statistics(splits)
-    write_atomically(directory / FIGURES_FILE, json.dumps(figures, indent=1).encode())
+    content = json.dumps({"schema": _SCHEMA, **figures}, indent=1)
+    write_atomically(directory / FIGURES_FILE, content.encode())
     write_atomically(directory / PAGE_FILE, statistics_page(figures).encode())
     return figures
 

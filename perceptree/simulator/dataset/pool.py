@@ -6,6 +6,7 @@ The renderer is imported only in these processes, which saves memory in the main
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -18,11 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.scene_job import SceneJob, draw_scene
+from perceptree.simulator.kernel_cache import is_compiled
 from perceptree.simulator.photographs.folder import PhotoFolder
 
 if TYPE_CHECKING:
     from perceptree.simulator.dataset.frames import Assets
 
+_log = logging.getLogger(__name__)
 _TELL_S = 0.5
 
 _assets: Assets | None = None
@@ -45,6 +48,11 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
     """
     if not jobs:
         return
+    if not is_compiled():
+        _log.warning(
+            "the renderer is compiled before the first frame: one to two minutes, and only the"
+            " first time on this machine"
+        )
     context = multiprocessing.get_context("spawn")
     ended, running = context.Pipe(duplex=False)
     count = min(workers, len(jobs))

@@ -10,7 +10,16 @@ import sys
 import pytest
 
 from basetree.errors import one_line, short_line
-from basetree.program.console import BAR_STREAM, LogNotes, complain, note, print_found, tell
+from basetree.program.console import (
+    BAR_STREAM,
+    LogNotes,
+    complain,
+    keep_remarks,
+    note,
+    note_remarks,
+    print_found,
+    tell,
+)
 
 HOSTILE = {
     "line break": "a\nFAKE",
@@ -96,6 +105,21 @@ def test_a_progress_bar_outlives_its_terminal(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(sys, "stderr", Dead())
     assert BAR_STREAM.write("50 %") == 4
     BAR_STREAM.flush()
+
+
+def test_remarks_come_after_the_results(capsys: pytest.CaptureFixture[str]) -> None:
+    record = logging.LogRecord("edgetree", logging.WARNING, "", 0, "a remark", (), None)
+    warning = logging.LogRecord("edgetree", logging.WARNING, "", 0, "a warning", (), None)
+    record.is_remark = True
+    keep_remarks()
+    for each in (record, warning):
+        LogNotes().emit(each)
+    note("the results")
+    note_remarks()
+    assert capsys.readouterr().err.splitlines() == ["a warning", "the results", "a remark"]
+    LogNotes().emit(record)  # of a command that keeps none
+    note_remarks()
+    assert capsys.readouterr().err.splitlines() == ["a remark"]
 
 
 def test_a_narrow_terminal_shows_whole_words(

@@ -138,6 +138,13 @@ def test_a_broken_picture_is_named_and_the_camera_is_written(
     assert record["left_out"] == [lines[0].removeprefix("left out: ")]
 
 
+def test_depth_images_in_place_of_pictures_are_named(calibrate: Cli, board_files: Path) -> None:
+    done = calibrate(board_files / "depth", "--board", BOARD)
+    assert done.code == 2
+    assert "p05.png is a depth image: expected a picture of 8 bits" in done.err
+    assert done.err.splitlines()[-1].startswith("edgetree: all 15 frames left out")
+
+
 def test_a_video_is_a_source(calibrate: Cli, board_files: Path, tmp_path: Path) -> None:
     video = tmp_path / "board.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 2.0, (640, 480))

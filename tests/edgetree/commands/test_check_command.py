@@ -124,7 +124,9 @@ def test_a_terminal_shows_the_reasons_of_the_verdict_once(
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     done = run_cli(*CHECK)
     assert "result: undecided: diameter: 6 stems are too few to tell" in done.out
-    assert done.err.splitlines()[-1].endswith("the check is undecided: see above")
+    assert done.err.splitlines()[-1].endswith(
+        "the check is undecided, nothing wrong was found so far: see above"
+    )
 
 
 def test_few_stems_are_undecided_and_without_a_fit(run_cli: Cli, folder: Path) -> None:
@@ -133,7 +135,7 @@ def test_few_stems_are_undecided_and_without_a_fit(run_cli: Cli, folder: Path) -
     assert done.code == 3, done.err
     assert "not fitted: a fit needs 20 stems with a measured diameter, there are 6" in done.out
     assert "result: undecided: diameter: 6 stems are too few to tell" in done.out
-    assert "the check is undecided: diameter: 6 stems" in done.err
+    assert "undecided, nothing wrong was found so far: diameter: 6 stems" in done.err
     saved = json.loads(Path("out/settings.json").read_text())
     assert saved["settings"] == {}
     assert saved["reason"].startswith("a fit needs 20")

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from edgetree.commands.other_model import OtherModel
+from edgetree.errors import SignatureError
 from edgetree.samples import sample_frames
 
 Cli = Callable[..., Any]
@@ -126,6 +128,20 @@ def test_a_model_that_was_asked_for_stays_and_the_other_one_is_named(
     assert "edge-n-depth 0: give --model edge-s-rgb" in done.err
     done = run_cli("run", *hidden_from_depth)
     assert "--model edge-s-rgb is better in 1 of 1 frame tried" in done.err
+
+
+def test_a_model_that_cannot_be_tried_is_named_with_the_reason(
+    run_cli: Cli, hidden_from_depth: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: OtherModel) -> None:
+        raise SignatureError("model edge-s-rgb.onnx has no signature")
+
+    monkeypatch.setattr(OtherModel, "opened", refuse)
+    for command in ("measure", "run"):
+        done = run_cli(command, *hidden_from_depth)
+        assert done.code == 0, done.err
+        told = "--model edge-s-rgb was not tried, although it may find more: model edge-s-rgb.onnx"
+        assert done.err.count(told) == 1
 
 
 def test_a_video_is_not_told_to_pass_depth_images(run_cli: Cli, video: Path) -> None:

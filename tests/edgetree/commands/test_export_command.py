@@ -23,6 +23,15 @@ WRONG = {
 }
 
 
+def test_a_checkpoint_is_told_where_a_file_is_expected(run_cli: Cli, tmp_path: Path) -> None:
+    checkpoint = tmp_path / "best.safetensors"
+    checkpoint.write_bytes(b"\x01" * 100)
+    for words in (["eval", checkpoint, tmp_path], ["run", tmp_path, "--model", checkpoint]):
+        done = run_cli(*words)
+        assert (done.code, done.err.count("\n")) == (2, 1)
+        assert "best.safetensors is a checkpoint: expected the .onnx file that `edge" in done.err
+
+
 @pytest.mark.parametrize("command", ["export", "verify"])
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_wrong_path_is_told_before_torch_is_loaded(

@@ -37,6 +37,13 @@ def test_every_command_that_is_named_runs(tmp_path: Path) -> None:
         is_check = arguments[0] == "check"
         assert ended.returncode in ((0, 3) if is_check else (0,)), ended.stderr
         printed[arguments[0]] = ended.stdout
+        if arguments[0] in ("measure", "run"):
+            first, *_, following = ended.stderr.splitlines()
+            assert following.startswith("next: ")
+            assert (
+                sum("usual errors of a camera" in line for line in ended.stderr.splitlines()) == 1
+            )
+            assert "usual errors" not in first
     assert "cm" in printed["measure"]
     assert "stems" in printed["check"]
     assert {"trees.csv", "trees.html", "stems.geojson"} <= {
@@ -44,6 +51,7 @@ def test_every_command_that_is_named_runs(tmp_path: Path) -> None:
     }
     readme = (tmp_path / "samples/README.txt").read_text()
     assert all(command in readme for command in commands_for(Path()))
+    assert "The check ends with exit code 3" in readme
 
 
 def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from edgetree.model_file.safety_check import read_model_file
 from edgetree.results.service_state import ServiceState, state_message
 from edgetree.sample_files import write_samples
 from edgetree.schemas import json_schema, schema_names
+from edgetree.signing.envelope import Envelope
 from edgetree.signing.statement import Statement
 from edgetree.signing.trust import TrustedKey, TrustFile, write_trust_file
 from edgetree.signing.used_versions import record_time
@@ -31,7 +32,6 @@ Cli = Callable[..., Any]
 ROOT = Path(__file__).resolve().parents[3]
 
 NOT_DESCRIBED = {
-    *("edgetree.bench/2", "edgetree.card/1", "edgetree.live.page/1", "edgetree.recording/1"),
     *("edgetree.eval/1", "edgetree.verify/1"),
 }
 
@@ -66,7 +66,8 @@ def test_every_format_is_described_or_listed_as_not() -> None:
                 re.findall(r'"((?:edgetree|calib)\.[a-z_.-]+/\d+)"', path.read_text("utf-8"))
             )
     assert named - set(schema_names()) <= NOT_DESCRIBED
-    assert set(schema_names()) <= named
+    without_key = {"calib.found-labels/1", "edgetree.signature-file/1"}
+    assert set(schema_names()) - without_key <= named
     assert not set(schema_names()) & NOT_DESCRIBED
 
 
@@ -110,6 +111,53 @@ def test_the_list_of_models_and_their_manifests_are_valid(run_cli: Cli) -> None:
     assert check_schema(json.loads(run_cli("models", "--json").out)) == "edgetree.models/1"
     record = json.loads(read_model_file(default_model("depth")).metadata[METADATA_KEY])
     assert check_schema(record) == METADATA_KEY + "/1"
+
+
+def test_cards_are_valid_and_a_card_without_a_speed_is_not() -> None:
+    for card in sorted(ROOT.glob("edgetree/assets/models/*.json")):
+        record = json.loads(card.read_text())
+        assert check_schema(record) == "edgetree.card/1"
+    del record["speed"]
+    with pytest.raises(jsonschema.ValidationError):
+        check_schema(record)
+
+
+def test_a_stored_benchmark_is_valid() -> None:
+    record = json.loads((ROOT / "benchmarks/results/bench.json").read_text())
+    assert check_schema(record) == "edgetree.bench/2"
+
+
+def test_found_labels_and_signatures_are_valid(
+    run_cli: Cli, images: Path, model: Path, tmp_path: Path
+) -> None:
+    done = run_cli("run", images, "--model", model, "--coco", tmp_path / "found.json")
+    assert done.code == 0, done.err
+    check_schema(json.loads((tmp_path / "found.json").read_text()), "calib.found-labels/1")
+    envelope = Envelope(b"{}", "key", b"signed").to_json()
+    check_schema(json.loads(envelope), "edgetree.signature-file/1")
+
+
+def test_a_recording_says_of_its_run_what_the_schema_names(
+    run_cli: Cli, samples: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    mcap = pytest.importorskip("mcap.reader")
+    recordings = ("--record", tmp_path / "kept", "--record-all", "--frames", 2)
+    done = run_cli("live", samples / "drive", *recordings)
+    assert done.code == 0, done.err
+    (bag,) = (tmp_path / "kept").rglob("*.mcap")
+    with bag.open("rb") as stream:
+        found = list(mcap.make_reader(stream).iter_messages(topics=["/edgetree/recording"]))
+    text = found[0][2].data[8:].rstrip(b"\0")  # of a std_msgs/String in CDR
+    assert check_schema(json.loads(text)) == "edgetree.recording/1"
+
+
+def test_the_command_names_the_other_program(run_cli: Cli) -> None:
+    done = run_cli("schema", "perceptree.evaluation")
+    expected = "expected `perceptree schema perceptree.evaluation`"
+    assert (done.code, expected in done.err) == (2, True)
+    newest = json.loads(run_cli("schema", "edgetree.bench").out)
+    assert newest["title"] == "edgetree.bench/2"
 
 
 def test_files_of_the_rig_are_valid(tmp_path: Path) -> None:

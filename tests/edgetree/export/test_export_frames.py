@@ -72,6 +72,14 @@ def test_pictures_of_one_name_in_two_folders_are_all_compared(tmp_path: Path) ->
     assert len(read_verification_frames(tmp_path, spec).images) == 2
 
 
+def test_a_label_file_stands_for_its_pictures(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b.jpg", "c.jpg"):
+        write_image(tmp_path / name)
+    write_labels(tmp_path / "labels.json", "a.jpg", "c.jpg")
+    found = find_frames(tmp_path / "labels.json", "rgb", 20)
+    assert [path.name for path in found] == ["a.jpg", "c.jpg"]
+
+
 def test_a_folder_without_frames_or_labels_is_told(tmp_path: Path) -> None:
     (tmp_path / "images" / "default").mkdir(parents=True)
     with pytest.raises(InputError, match=r"has no rgb frames: expected \.jpg"):

@@ -27,7 +27,7 @@ def test_what_is_assumed_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     rig = Rig(CAMERA, mounting=mounting, uncertainty=RigUncertainty(principal_std_px=1.0))
     for _ in range(3):
         rig.tell_assumed(CAMERA, False)
-    assert caplog.text.count("the errors of the rig are not given") == 1
+    assert caplog.text.count("± takes in usual errors of a camera") == 1
     assert "depth scale 0.7 %, vertical 2 degrees, mounting 2 degrees;" in caplog.text
     assert "principal" not in caplog.text
 

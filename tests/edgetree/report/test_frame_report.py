@@ -374,6 +374,9 @@ def test_totals_have_intervals_in_which_the_rig_does_not_average_away(tmp_path: 
     assert rows["basal area on 0.01 ha"][0].startswith("31.4 ± 0.7 m²/ha")
     assert rows["sum of stem volumes"] == ["2.000 ± 0.400 m³", "4 of 5"]
     assert "mean diameter at the felling cut" not in rows
+    assert "The basal area is of a part: 1 tree without a value would come on top" in page.text
+    assert "There is no mean diameter at the felling cut (no cut)." in page.text
+    assert "There is no basal area" not in page.text
     assert re.search(r"Evo <east>, \d{4}-\d\d-\d\d\. Pictures: images\.", page.text)
     assert "Stand 7" in page.text
 
@@ -396,6 +399,7 @@ def test_totals_count_a_stem_that_is_followed_once(tmp_path: Path) -> None:
     rows = {row[0].text: [cell.text for cell in row[1:]] for row in page.rows}
     assert rows["mean diameter at the felling cut"] == ["40.0 ± 0.7 cm", "2 of 2"]
     assert rows["mean DBH"] == ["30.0 ± 0.7 cm", "2 of 2"]
+    assert "There is no sum of stem volumes (none). There is no basal area: no --area" in page.text
     assert "each stem that was followed counts once, with the most certain" in page.text
     assert "2 of 2 different trees with a measured diameter" in " ".join(page.text.split())
 

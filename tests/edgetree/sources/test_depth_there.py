@@ -48,6 +48,22 @@ def test_depth_beside_a_picture_and_depth_alone_are_for_the_depth_model(tmp_path
     assert model_for(tmp_path) == DEFAULTS["depth"]
 
 
+def test_depth_images_alone_are_for_the_depth_model(tmp_path: Path) -> None:
+    frames = sample_frames()
+    for frame in frames:
+        (tmp_path / f"{frame.name}.png").write_bytes(frame.depth_path.read_bytes())
+    one = tmp_path / f"{frames[0].name}.png"
+    for source in (tmp_path, one):
+        assert model_for(source) == DEFAULTS["depth"]
+        found = list(open_source(source))
+        assert [frame.image is None and frame.depth_m is not None for frame in found]
+        np.testing.assert_allclose(found[0].depth_m, frames[0].depth_m(), atol=1e-6)
+    grey = cv2.imread(str(one), cv2.IMREAD_UNCHANGED)
+    for number in range(3):  # one picture of 8 bits among them
+        cv2.imwrite(str(tmp_path / f"sample_{number}.png"), (grey // 256).astype(np.uint8))
+    assert model_for(tmp_path) == model_for(one) == DEFAULTS["rgb"]
+
+
 def _folder(folder: Path, *names: str) -> Path:
     """Pictures and depth images; those named `grey` have 8 bits."""
     folder.mkdir()
@@ -65,7 +81,7 @@ def _folder(folder: Path, *names: str) -> Path:
         (("grey.jpg", "grey_depth.png"), "rgb"),
         (("a.jpg", "b_depth.png"), "rgb"),
         (("a.jpg", "b.jpg", "c.jpg", "a_depth.png"), "rgb"),
-        (("a_depth.png", "b_depth.png"), "rgb"),
+        (("a_depth.png", "b_depth.png"), "depth"),
     ],
 )
 def test_a_folder_of_pictures_and_their_depth_is_sorted_out_by_names(

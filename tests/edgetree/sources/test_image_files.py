@@ -193,7 +193,9 @@ def test_missing_depth_is_named_in_advance(tmp_path: Path) -> None:
 def test_a_depth_image_is_not_read_as_colour(tmp_path: Path) -> None:
     path = _write_depth(tmp_path / "d.png")
     with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; a depth image"):
-        list(open_source(path))
+        read_image(path)
+    (frame,) = open_source(path)
+    assert frame.image is None
 
 
 def test_grey_images_become_colour(tmp_path: Path) -> None:

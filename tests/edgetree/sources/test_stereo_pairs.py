@@ -135,6 +135,15 @@ def test_pictures_that_do_not_match_are_a_fault(pair_folder: Path) -> None:
     assert share < 0.02
 
 
+def test_pictures_of_16_bits_are_named(pair_folder: Path) -> None:
+    for side in ("left", "right"):
+        for path in (pair_folder / side).glob("*.png"):
+            grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            cv2.imwrite(str(path), grey.astype(np.uint16) * 256)
+    with pytest.raises(InputError, match=r"png is a depth image: expected a picture of 8 bits"):
+        list(open_stereo(pair_folder / "left", pair_folder / "right", bent_pair()))
+
+
 def test_pictures_of_another_size_are_left_out(pair_folder: Path) -> None:
     small = np.zeros((210, 280, 3), np.uint8)
     cv2.imwrite(str(pair_folder / "right" / "1.png"), small)

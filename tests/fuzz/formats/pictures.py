@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from heic_files import heic_with_depth
 
 import calib
 from basetree.files import check_picture_size
@@ -73,6 +74,14 @@ def _heic() -> tuple[bytes, ...]:
     return tuple(files)
 
 
+def _heic_depth() -> tuple[bytes, ...]:
+    """HEIF with depth images of all kinds; none without the package that writes them."""
+    if find_spec("pillow_heif") is None:
+        return ()
+    big, grey = np.repeat(np.repeat(_COLOUR, 8, 0), 8, 1), np.full((32, 40), 90, np.uint8)
+    return tuple(heic_with_depth(big, grey, kind, 0.5, 5.0) for kind in (None, 0, 1, 2))
+
+
 _DEPTHS = (
     _encoded(".png", _DEPTH),
     _encoded(".tif", _DEPTH),
@@ -100,6 +109,7 @@ FORMATS = {
     "picture": Format(_PICTURES, _read_everything),
     "colour": Format(_PICTURES, read_colour),
     **({"picture.heic": Format(heic, _read_everything)} if (heic := _heic()) else {}),
+    **({"depth.heic": Format(heic, calib.read_depth)} if (heic := _heic_depth()) else {}),
     "mask.png": Format(
         (_encoded(".png", _GREY), _encoded(".tif", _DEPTH), _encoded(".bmp", _GREY)),
         lambda path: read_masks(path, (8, 6)),

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from schema_check import check_schema
 
 from basetree.errors import SettingsError
 from perceptree.data import FrameRecord, read_dataset
@@ -100,6 +101,9 @@ def test_the_command_writes_a_dataset_that_trains(export: Path, call: Call, tmp_
     )
     assert code == 0, errors
     assert "train" in printed
+    check_schema(json.loads((out / "train_RGB.json").read_text()), "perceptree.labels")
+    printed = call("data", "convert", out, "--out", tmp_path / "again", "--json")[1]
+    assert json.loads(printed)["schema"] == "perceptree.data-written/1"
     before = read_dataset(export, "test")
     splits = {split: read_dataset(out, split).frames for split in ("train", "val", "test")}
     assert sum(map(len, splits.values())) == len(before.frames)

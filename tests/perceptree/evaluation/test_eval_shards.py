@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from schema_check import check_schema
 
 from perceptree.evaluation import shards
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
@@ -51,6 +52,8 @@ def test_shards_make_the_report_of_one_machine(
         assert (tmp_path / "merged" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     parts = sorted((tmp_path / "parts" / "parts").iterdir())
     assert len(parts) >= 2
+    for part in parts:
+        check_schema(json.loads(part.read_text()), "perceptree.predictions")
 
 
 def test_a_dataset_at_a_url_makes_the_same_report(

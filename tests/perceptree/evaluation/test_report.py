@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from schema_check import check_schema
 
 from perceptree.data import FrameStore
 from perceptree.evaluation import About, RawDetections, Report, make_report, summary_lines
@@ -103,6 +104,7 @@ def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
     report = report_of(oracle(store, flawed), store)
     page = report.write(tmp_path)
     assert json.loads((tmp_path / "report.json").read_text()) == report.figures
+    assert check_schema(report.figures) == "perceptree.evaluation/1"
     assert sorted(path.name for path in tmp_path.glob("*.*") if path.is_file()) == [
         "report.html",
         "report.json",

@@ -30,6 +30,12 @@ def write(path: Path, tensors: dict[str, torch.Tensor], **changes: Any) -> Path:
     return path
 
 
+def test_an_exported_model_is_told(tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_bytes(b"\x08\x08")
+    with pytest.raises(CheckpointError, match=r"is an exported model, .*; `edgetree eval` and"):
+        load_checkpoint(tmp_path / "model.onnx")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

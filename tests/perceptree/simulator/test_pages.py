@@ -9,9 +9,11 @@ from typing import Any
 
 import cv2
 import pytest
+from schema_check import check_schema
 
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import choose_frames, write_contact_sheets
+from perceptree.simulator.dataset.frozen import read_frozen
 from perceptree.simulator.dataset.statistics import dataset_statistics
 
 FRAMES = 60
@@ -35,6 +37,18 @@ def coco(dataset: Path) -> tuple[list[dict], list[dict]]:
     return [i for c in contents for i in c["images"]], [
         t for c in contents for t in c["annotations"]
     ]
+
+
+def test_the_files_of_a_dataset_are_as_their_schemas_say(dataset: Path, figures: dict) -> None:
+    assert check_schema(figures) == "perceptree.statistics/1"
+    for name, schema in (
+        ("train_RGB", "perceptree.labels"),
+        ("settings", "perceptree.synth-settings"),
+        ("scenes/000000", "perceptree.scene-frames"),
+    ):
+        check_schema(json.loads((dataset / f"{name}.json").read_text()), schema)
+    frozen = json.loads(read_frozen("test").to_json())
+    check_schema(frozen, "perceptree.frozen-set")
 
 
 def test_the_figures_count_what_the_coco_files_hold(dataset: Path, figures: dict):

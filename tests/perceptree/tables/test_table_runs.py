@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import torch
 from narrow_networks import narrow_spec
+from schema_check import check_schema
 
 import perceptree.tables
 from basetree.errors import SettingsError
@@ -115,6 +116,10 @@ def test_a_result_equals_the_checkpoints_score_on_the_test_frames(
     run = out / "edge-n-rgb-both-seed3"
     result = json.loads((run / "result.json").read_text())
     _, record = load_checkpoint(run / "best.safetensors")
+    tables = json.loads((out / "tables.json").read_text())
+    assert [check_schema(each) for each in (result, record, tables)] == [
+        *("perceptree.table-run/1", "perceptree.checkpoint/1", "perceptree.tables/1"),
+    ]
     assert record["training"]["settings"] == result["training"]["settings"]
     assert result["training"]["settings"]["seed"] == 3
     code, printed, _ = call("eval", run / "best.safetensors", posts, "--json")

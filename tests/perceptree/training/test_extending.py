@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import torch
+from schema_check import check_schema
 
 import perceptree.training.trainer
 from perceptree.errors import CheckpointError
@@ -89,6 +90,8 @@ def test_both_logs_are_written(posts: Path, tmp_path: Path, narrow: Make, plan: 
     settings = plan(steps=4, evaluate_every_steps=2)
     report = train(narrow(), settings, posts, tmp_path / "run")
     entries = read_log(tmp_path / "run")
+    for entry in entries:
+        check_schema(entry, "perceptree.training-log")
     assert [entry["step"] for entry in entries if "val" in entry] == [2, 4]
     events = EventAccumulator(str(tmp_path / "run/tensorboard"))
     events.Reload()

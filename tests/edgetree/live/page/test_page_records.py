@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from schema_check import check_schema
 
 from edgetree.drawing.trees import tree_colour
 from edgetree.live.page import page_record
@@ -13,7 +14,9 @@ from edgetree.measure import Failure
 
 
 def test_stems_in_view_come_first_then_the_nearer_ones(live_result) -> None:
-    stems = page_record(live_result(stems=5))["stems"]
+    record = page_record(live_result(stems=5))
+    assert check_schema(record) == "edgetree.live.page/1"
+    stems = record["stems"]
     assert [stem["number"] for stem in stems] == [1, 2, 3, 4, 5]
     assert [stem["in_view"] for stem in stems] == [True] * 4 + [False]
     assert stems[0]["distance_m"] < stems[3]["distance_m"]
@@ -33,6 +36,7 @@ def test_what_was_not_measured_has_its_reason(live_result) -> None:
     assert stem["diameter_failure"] == "no depth on the stem"
     assert "diameter_m" not in stem
     record = page_record(live_result(measured=False))
+    check_schema(record)
     assert (record["stems"], record["metres_need"]) == ([], "no depth")
 
 

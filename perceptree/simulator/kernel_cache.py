@@ -7,15 +7,13 @@ files change. A folder named by the hash of all sources prevents loading an outd
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from numba.core import config as _numba_config
-
-_FOLDER = Path(__file__).parent
-_config: Any = _numba_config
+_FOLDER = Path(__file__).parent / "rendering"
 
 
 def sources_sha256(folder: Path = _FOLDER) -> str:
@@ -32,10 +30,23 @@ def versioned_cache() -> Iterator[None]:
 
     A cache folder that the user has configured (NUMBA_CACHE_DIR) is used unchanged.
     """
-    chosen = _config.CACHE_DIR
+    from numba.core import config as numba_config
+
+    config: Any = numba_config
+    chosen = config.CACHE_DIR
     if not chosen:
-        _config.CACHE_DIR = str(_FOLDER / "__pycache__" / sources_sha256()[:16])
+        config.CACHE_DIR = str(_own_folder())
     try:
         yield
     finally:
-        _config.CACHE_DIR = chosen
+        config.CACHE_DIR = chosen
+
+
+def is_compiled() -> bool:
+    """Whether an earlier run has left compiled kernels of this version; does not load numba."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    return any((Path(chosen) if chosen else _own_folder()).rglob("*.nbi"))
+
+
+def _own_folder() -> Path:
+    return _FOLDER / "__pycache__" / sources_sha256()[:16]
