@@ -9,6 +9,8 @@ A line `<!-- schemas: edgetree -->` becomes the list of the JSON Schemas of a pr
 A line `<!-- constants: measure -->` becomes the tables of the measurement's constants. In the text,
 `{{LITTER_STD_M}}` becomes the value of a constant or of a field of `MeasureSettings`, and
 `{{LITTER_STD_M cm}}` the value in another unit (%, cm or mm) with that unit.
+
+In the finished page, options and numbers with their units stay on one line.
 """
 
 from __future__ import annotations
@@ -23,6 +25,11 @@ from typing import Any
 _ROOT = Path(__file__).resolve().parents[1]
 _HELP_COLUMNS = 88
 _UNITS = {"": 1.0, "%": 100.0, "cm": 100.0, "mm": 1000.0}
+_TAG = re.compile(r"(<[^>]*>)")
+_OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
+_NUMBER = re.compile(
+    r"(?<=\d) (?=(?:%|°|degrees|px|mm|cm|m|km|ms|s|min|Hz|[kMG]i?B|million)(?![\w/]))|(?<=±) (?=\d)"
+)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -52,6 +59,20 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         markdown,
         flags=re.MULTILINE,
     )
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Keep options and numbers with their units on one line; called by mkdocs for each page."""
+    done, code = [], 0
+    for part in _TAG.split(html):
+        if part.startswith("<"):
+            code += part.startswith("<code") - part.startswith("</code")
+            done.append(part)
+        elif code:
+            done.append(_OPTION.sub(r'<span class="option">\g<0></span>', part))
+        else:
+            done.append(_NUMBER.sub("\N{NO-BREAK SPACE}", part))
+    return "".join(done)
 
 
 def _command_sections(program: str) -> Iterator[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import re
 import shutil
 import sys
 import time
@@ -26,6 +27,8 @@ _TERMINAL_S: Final = 0.5
 _FIRST_LINE_S: Final = 5.0
 _LINES_S: Final = 60.0
 _ERASE: Final = "\r\x1b[2K"
+_LABEL: Final = re.compile(r" *\S+(?: \S+)* {2,}")
+_TO_COPY: Final = ("next: ", "open: ")
 
 
 @dataclass
@@ -76,13 +79,25 @@ def _print(line: str, *, shown: bool, whole: bool) -> None:
             typer.echo(line if whole else _broken(line), err=True)
 
 
-def _broken(line: str) -> str:
-    """The line in lines that a terminal has place for; as it is where there is no terminal."""
+def _broken(line: str, stream: TextIO | None = None) -> str:
+    """The line in lines that a terminal has place for; as it is where there is no terminal.
+
+    The lines after the first begin below the words that follow a label, or two columns further in
+    than the line.
+    """
     width = shutil.get_terminal_size().columns
-    if not sys.stderr.isatty() or len(line) <= width:
+    if not (stream or sys.stderr).isatty() or len(line) <= width:
         return line
+    begin = len(line) - len(line.lstrip(" ")) + 2
+    label = _LABEL.match(line)
+    if label is not None and label.end() <= width // 2:
+        begin = label.end()
     lines = wrap(
-        line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        line,
+        width,
+        subsequent_indent=" " * begin,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
     return "\n".join(lines)
 
@@ -151,12 +166,17 @@ def print_json(value: dict[str, Any]) -> None:
 def print_found(
     as_json: bool, record: Callable[[], dict[str, Any]], lines: Callable[[], Iterable[str]]
 ) -> None:
-    """Print what was found on stdout: as one JSON object, or as lines of text."""
+    """Print what was found on stdout: as one JSON object, or as lines of text.
+
+    A terminal shows a line in several, broken between words, where it is too narrow. What is there
+    to be copied, commands and paths, is never broken.
+    """
     if as_json:
         print_json(record())
         return
     for line in lines():
-        tell(line)
+        text = one_line(str(line))
+        typer.echo(text if text.startswith(_TO_COPY) else _broken(text, sys.stdout))
 
 
 class StatusLine:

@@ -79,7 +79,7 @@ def _tiles(result: Record) -> Iterator[tuple[str, str]]:
     elif fastest:
         yield f"{min(map(frame_ms, fastest)):.1f} ms", f"{len(fastest)} variants, equally fast"
     else:
-        yield "no fastest", "the machine was busy with other work"
+        yield "–", "no fastest variant: the machine was busy with other work"
     yield f"{max(row['fps'] for row in rows):.1f}", "most frames a second"
     yield str(len(rows)), "variants measured in turn"
 

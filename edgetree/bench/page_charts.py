@@ -85,4 +85,5 @@ def stages_chart(rows: Sequence[tuple[str, Record]]) -> str:
         parts = [charts.Part(ms, stage, f"{stage}: {ms:.2f} ms") for stage, ms in times_ms.items()]
         bars.append((f"{name}: {sum(times_ms.values()):.1f} ms", parts))
     chart = charts.stacked_bars("stages", bars, _STAGES_WIDTH_PX)
-    return f'<div class="scroll">{chart}</div>'
+    names = " ".join(f"{charts.key(f'part{n}', '■')} {name}" for n, name in enumerate(STAGES))
+    return f'<div class="scroll">{chart}</div><p class="note">{names}</p>'

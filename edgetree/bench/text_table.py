@@ -1,9 +1,8 @@
-"""A result of `edgetree bench` as text for a terminal of 100 columns."""
+"""A result of `edgetree bench` as text for a terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from textwrap import wrap
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from basetree.counts import counted
@@ -13,21 +12,21 @@ from edgetree.bench.result import notes, size_text
 from edgetree.bench.stages import STAGES
 
 _COLUMNS: Final = (
-    ("size", 9),
-    ("prec.", 9),
-    ("thr", 4),
-    ("bat", 4),
-    ("p50 ms", 8),
-    ("p90 ms", 8),
-    ("p99 ms", 8),
-    ("FPS", 7),
-    ("MiB", 6),
-    ("peak", 6),
-    ("AP", 6),
+    "size",
+    "prec.",
+    "thr",
+    "bat",
+    "p50 ms",
+    "p90 ms",
+    "p99 ms",
+    "FPS",
+    "MiB",
+    "peak",
+    "AP",
 )
-_NAME_WIDTH: Final = 22
+_LONGEST_NAME: Final = 22
+_GAP: Final = "  "
 _OPERATORS: Final = 4
-_WIDEST: Final = 100
 
 Record = Mapping[str, Any]
 
@@ -35,12 +34,7 @@ Record = Mapping[str, Any]
 def text_lines(result: Record) -> Iterator[str]:
     """The result as lines: the table, where the time goes, the paper's table, and notes."""
     rows = result["rows"]
-    yield f"{'model':{_NAME_WIDTH}}" + "".join(f"{name:>{width}}" for name, width in _COLUMNS)
-    for row in rows:
-        cells = zip(_cells(row), _COLUMNS, strict=True)
-        name = row["name"]
-        shown = name if len(name) < _NAME_WIDTH else f"{name[: _NAME_WIDTH - 3]}.."
-        yield f"{shown:{_NAME_WIDTH}}" + "".join(f"{text:>{width}}" for text, (_, width) in cells)
+    yield from _table(rows)
     yield ""
     yield "where the time goes, ms of a frame:"
     seen = set()
@@ -54,8 +48,25 @@ def text_lines(result: Record) -> Iterator[str]:
         yield ""
         yield from paper_lines(networks)
     yield ""
-    for note in notes(result):
-        yield from _wrapped(note)
+    yield from notes(result)
+
+
+def _table(rows: Sequence[Record]) -> Iterator[str]:
+    """The rows with a head; without the column of batches if every batch is one frame."""
+    several = any(row["batch"] > 1 for row in rows)
+    lines = [("model", *_COLUMNS), *((_name(row), *_cells(row)) for row in rows)]
+    columns = [
+        [f"{text:<{width}}" if index == 0 else f"{text:>{width}}" for text in texts]
+        for index, texts in enumerate(zip(*lines, strict=True))
+        if (width := max(map(len, texts))) and (several or texts[0] != "bat")
+    ]
+    for cells in zip(*columns, strict=True):
+        yield _GAP.join(cells)
+
+
+def _name(row: Record) -> str:
+    name: str = row["name"]
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 2]}.."
 
 
 def _cells(row: Record) -> list[str]:
@@ -84,16 +95,5 @@ def _stages(row: Record) -> Iterator[str]:
         f"{row['name']} {row['precision']} {size_text(row)}, {counted(row['threads'], 'thread')}"
     )
     yield f"  {heading}"
-    yield from _wrapped(parts, "    ")
-    yield from _wrapped(f"operators: {operators}", "    ")
-
-
-def _wrapped(text: str, indent: str = "") -> list[str]:
-    return wrap(
-        text,
-        _WIDEST,
-        initial_indent=indent,
-        subsequent_indent=indent,
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
+    yield f"    {parts}"
+    yield f"    operators: {operators}"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from textwrap import wrap
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from basetree.counts import counted
@@ -23,7 +22,6 @@ QUANTITY_NAMES: Final = {
 }
 """The compared quantities in words."""
 
-_LINE: Final = 100
 _MOST_NAMES: Final = 10
 # A median ratio of measured and caliper's diameters beyond this hints at a wrong unit.
 _UNLIKELY: Final = 1.8
@@ -43,7 +41,7 @@ def report_lines(result: CheckResult) -> Iterator[str]:
         yield from _quantity_lines(check, result.verdict.power.get(check.quantity))
     for quantity, reason in result.not_compared.items():
         yield ""
-        yield from _wrapped(f"{QUANTITY_NAMES[quantity]}: {reason}")
+        yield f"{QUANTITY_NAMES[quantity]}: {reason}"
     yield ""
     yield from _fit_lines(result.fit)
     yield ""
@@ -55,7 +53,7 @@ def report_lines(result: CheckResult) -> Iterator[str]:
             " diameter of the machine"
         )
     for reason in verdict.reasons:
-        yield from _wrapped(f"result: {verdict.outcome}: {reason}")
+        yield f"result: {verdict.outcome}: {reason}"
     if verdict.outcome == "passed":
         yield "result: passed"
 
@@ -76,11 +74,7 @@ def _names(what: str, names: Sequence[str]) -> Iterator[str]:
     if names:
         more = len(names) - _MOST_NAMES
         shown = [*names[:_MOST_NAMES], *([f"and {more} more"] if more > 0 else [])]
-        yield from _wrapped(f"{what} ({len(names)}): {'; '.join(shown)}")
-
-
-def _wrapped(text: str) -> list[str]:
-    return wrap(text, _LINE, subsequent_indent="  ")
+        yield f"{what} ({len(names)}): {'; '.join(shown)}"
 
 
 def _quantity_lines(check: QuantityCheck, power: Power | None) -> Iterator[str]:
@@ -159,7 +153,7 @@ def _outlier(comparison: Comparison) -> str:
 
 def _fit_lines(fit: ErrorFit | Failure) -> Iterator[str]:
     if isinstance(fit, Failure):
-        yield from _wrapped(f"stated errors not fitted: {fit.reason}")
+        yield f"stated errors not fitted: {fit.reason}"
         return
     yield f"stated errors of the diameter, fitted to {counted(fit.coverage_before.total, 'stem')}:"
     yield _line("scale", f"{fit.scale.value:.3f} ± {fit.scale.std:.3f}, {_scale_words(fit)}")
@@ -168,25 +162,16 @@ def _fit_lines(fit: ErrorFit | Failure) -> Iterator[str]:
     yield _line("with the fit", f"hold {_share_text(fit.coverage_after)};")
     yield _line("", "each stem is judged by a fit to the other stems")
     if fit.scale_significant:
-        yield from _indented(
-            "If the distances have the same scale, divide the depth scale by it: --depth-scale"
+        yield (
+            "  If the distances have the same scale, divide the depth scale by it: --depth-scale"
             f" {0.001 / fit.scale.value:.6f} in place of 0.001. Otherwise calibrate the camera."
         )
     if fit.settings:
         first = ", once the scale is corrected" if fit.scale_significant else ""
         yield f"  new settings for edgetree.measure{first}:"
         values = ", ".join(f"{name}={value:g}" for name, value in fit.settings.items())
-        yield from wrap(
-            f"settings = MeasureSettings({values})",
-            _LINE,
-            initial_indent="    ",
-            subsequent_indent="        ",
-        )
+        yield f"    settings = MeasureSettings({values})"
         yield "    measure_trees(trees, depth_m, camera, settings=settings)"
-
-
-def _indented(text: str) -> Iterable[str]:
-    return wrap(text, _LINE, initial_indent="  ", subsequent_indent="  ")
 
 
 def _scale_words(fit: ErrorFit) -> str:

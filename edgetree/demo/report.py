@@ -53,7 +53,7 @@ def _header(model: ModelResult) -> str:
         (error_text(model, "cut_height_m"), "median error of the felling cut's height"),
         (
             str(model.unmatched_detections),
-            f"invented trees: detections of the {who} without a labelled tree",
+            f"false detections: of the {who}, where no tree is labelled",
         ),
         (f"{model.fps:.0f}", "frames per second on this computer's processor"),
     ]

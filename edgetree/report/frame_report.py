@@ -144,6 +144,13 @@ class _Totals:
         caption = f"<b>{escape(name)}</b> {escape(words)}"
         return parts.figure(_embedded(draw_frame(result)), caption, f"{name}: {words}", anchor)
 
+    def _counting(self) -> str:
+        if self._tracks is not None:
+            return "each stem that was followed counts once, with the most certain of its values"
+        if not self._whole:
+            return "each stem counts once"
+        return "a tree counts as often as it is in a picture"
+
     def summary(self, source: str, trees_from: str, left_out: Sequence[str]) -> str:
         """The page from its heading to the beginning of the pictures."""
         trees, diameters_m = len(self._rows), self._stand.values("diameter_m")
@@ -171,7 +178,7 @@ class _Totals:
                     (middle_html, "median diameter at the felling cut"),
                 ]
             )
-            + self._stand.html(followed=self._tracks is not None)
+            + self._stand.html(self._counting())
             + self._left_out(left_out)
             + self._classes()
             + self._reasons.html()

@@ -95,20 +95,15 @@ class StandTotals:
         """The values of a quantity, one for each tree that has one."""
         return [each.estimate.value for each in self._values[quantity].values()]
 
-    def html(self, *, followed: bool) -> str:
+    def html(self, counting: str) -> str:
         """The values as a section of the page; empty if there is none.
 
         Args:
-            followed: Whether views of the same stem had the same number.
+            counting: How often a tree counts, in words.
         """
         rows = list(self._rows())
         if not rows:
             return ""
-        counting = (
-            "each stem that was followed counts once, with the most certain of its values"
-            if followed
-            else "a tree counts as often as it is in a picture"
-        )
         words = (
             "± is one standard deviation of the measurement, with the rig's own errors, which do"
             f" not average away. Trees without a value are in none of these, and {counting}."

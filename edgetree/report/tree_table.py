@@ -14,7 +14,7 @@ from basetree.page.axis import Axis
 from edgetree.measure import Estimate, Failure, PixelSize, TreeMeasurement
 from edgetree.report.profile_chart import further_values_html
 from edgetree.report.units import CLASS_EDGE, UNITS, length_attributes, tick_text, unit_name
-from edgetree.results.text_table import failure_reasons, pixel_words
+from edgetree.results.text_table import failure_reasons, has_diameter, pixel_words
 from edgetree.results.units import AMOUNTS, direction_words
 
 _CLASS_CM: Final = 4
@@ -45,7 +45,8 @@ def tree_row(
     notes += [f"warning: {text}" for text in measured.evidence.warnings]
     if measured.evidence.distance_from != "depth":
         notes.append(f"distance from {measured.evidence.distance_from}")
-    notes.append(pixel_words(size))
+    if not has_diameter(measured):
+        notes.append(pixel_words(size))
     items = [*(escape(note) for note in notes), *further_values_html(measured)]
     remarks = "".join(f"<li>{item}</li>" for item in items)
     return parts.row(

@@ -40,7 +40,7 @@ def table_lines(
     Args:
         measurements: The measurement of each tree.
         numbers: The number of each tree.
-        sizes: The size of each tree in the picture.
+        sizes: The size of each tree in the picture, told where there is no diameter.
         width: Columns of the terminal. Where a row does not fit, its last columns become lines
             below it; None if there is no limit.
     """
@@ -60,7 +60,7 @@ def table_lines(
             notes.append(f"ground: {ground}")
         if tree.evidence.method:
             notes.append(_evidence(tree.evidence))
-        if sizes is not None:
+        if sizes is not None and not has_diameter(tree):
             notes.append(pixel_words(sizes[index]))
         for text in notes:
             yield from _wrapped(text, width, _INDENT)
@@ -153,6 +153,11 @@ def failure_reasons(tree: TreeMeasurement) -> Iterator[tuple[str, str]]:
             missing.setdefault(result.reason, []).append(amount.name)
     for reason, names in missing.items():
         yield "not measured" if len(names) == len(asked) else f"no {', '.join(names)}", reason
+
+
+def has_diameter(tree: TreeMeasurement) -> bool:
+    """Whether a diameter was measured, at the cut or at breast height."""
+    return any(isinstance(each, Estimate) for each in (tree.diameter_m, tree.dbh_m))
 
 
 def pixel_words(size: PixelSize | Failure) -> str:

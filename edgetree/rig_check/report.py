@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from textwrap import wrap
 from typing import Final
 
 from basetree.counts import counted
@@ -13,7 +12,6 @@ from basetree.normal import NORMAL_975
 from edgetree.rig_check.checks import HOLDS, RigCheck
 from edgetree.rig_check.drive_check import RigReport
 
-_LINE: Final = 100
 _NAME_WIDTH, _VALUE_WIDTH, _LIMIT_WIDTH = 34, 20, 16
 # Names of checks, with names of --rig-errors and their unit in that of the check.
 _ERRORS: Final = {
@@ -45,8 +43,7 @@ def report_lines(report: RigReport) -> Iterator[str]:
         but = f", but {len(unknown)} of {len(report.checks)} checks cannot tell" if unknown else ""
         yield f"result: passed{but}"
     for check in report.problems:
-        text = f"result: failed: {problem_text(check)}: {check.reason}"
-        yield from wrap(text, _LINE, subsequent_indent="  ")
+        yield f"result: failed: {problem_text(check)}: {check.reason}"
 
 
 def error_words(checks: Sequence[RigCheck]) -> str:
@@ -74,7 +71,7 @@ def _lines(check: RigCheck) -> Iterator[str]:
     line = f"  {check.name:<{_NAME_WIDTH}}{_value(check):<{_VALUE_WIDTH}}"
     yield f"{line}{limit:<{_LIMIT_WIDTH}}{verdict}".rstrip()
     if check.verdict != HOLDS and check.reason:
-        yield from wrap(check.reason, _LINE, initial_indent="      ", subsequent_indent="      ")
+        yield f"      {check.reason}"
 
 
 def _value(check: RigCheck) -> str:

@@ -1,4 +1,4 @@
-"""The parts of the documentation that are generated from the measurement's constants."""
+"""What the hooks of the documentation make of a page."""
 
 import importlib.util
 from pathlib import Path
@@ -9,12 +9,17 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def generated():
+def hooks():
     spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs" / "_hooks.py")
     assert spec is not None
     assert spec.loader is not None
     hooks = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(hooks)
+    return hooks
+
+
+@pytest.fixture(scope="module")
+def generated(hooks):
     return hooks.on_page_markdown
 
 
@@ -49,3 +54,12 @@ def test_the_page_of_schemas_lists_each_with_its_keys(generated):
     assert "*`left_out`*" in row
     assert len(rows) > 30
     assert not [row for row in rows if "|  |" in row]
+
+
+def test_options_and_numbers_with_units_stay_on_one_line(hooks):
+    html = '<p id="a-b">12 cm of 5 methods, <code>x-y --out-dir a</code>, ± 3 %</p><pre>4 cm</pre>'
+    assert hooks.on_page_content(html) == (
+        '<p id="a-b">12\u00a0cm of 5 methods, '
+        '<code>x-y <span class="option">--out-dir</span> a</code>, ±\u00a03\u00a0%</p>'
+        "<pre>4\u00a0cm</pre>"
+    )

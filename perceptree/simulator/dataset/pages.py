@@ -125,7 +125,8 @@ def _trees(figures: Figures) -> str:
 def _bars_card(
     title: str, counts: Mapping[str, int], note: str = "", total: int | None = None
 ) -> str:
-    return parts.card(title, charts.named_bars(title, counts, total), note)
+    names = {name.replace("_", " "): count for name, count in counts.items()}
+    return parts.card(title, charts.named_bars(title, names, total), note)
 
 
 def _number_card(title: str, counts: Sequence[int]) -> str:
@@ -139,7 +140,7 @@ def _number_card(title: str, counts: Sequence[int]) -> str:
 
 def _histogram_card(title: str, one: Figures, unit: str) -> str:
     """A histogram of one quantity, with its quantiles."""
-    edges = [f"{edge:.0f}" if abs(edge) >= 100 else f"{edge:.3g}" for edge in one["edges"]]
+    edges = [_figure(edge) for edge in one["edges"]]
     names = [f"{low} to {high}{unit}" for low, high in pairwise(edges)]
     chart = _columns(title, Axis.bins(edges), one["counts"], names)
     return parts.card(title, chart, _quantiles(one))
@@ -160,7 +161,12 @@ def _columns(title: str, across: Axis, counts: Sequence[int], names: Sequence[st
 def _quantiles(one: Figures) -> str:
     if "median" not in one:
         return "no tree"
-    return f"half are below {one['median']:.3g}; 90 % lie in {one['p5']:.3g} to {one['p95']:.3g}"
+    median, low, high = (_figure(one[name]) for name in ("median", "p5", "p95"))
+    return f"half are below {median}; 90 % lie in {low} to {high}"
+
+
+def _figure(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _keypoints(keypoints: Figures) -> str:

@@ -136,3 +136,26 @@ def test_a_narrow_terminal_shows_whole_words(
     assert [len(line) <= 24 for line in lines] == [True] * (len(lines) - 1) + [False]
     note(words, whole=True)
     assert capsys.readouterr().err == f"{words}\n"
+
+
+def test_results_are_broken_below_their_text_and_commands_are_not(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    lines = [
+        "  mean error    0.8 cm; in the long run -2.1 to 6.8 % of the diameter",
+        "    operators: RoiAlign 13.3, QLinearConv 10.6, Resize 2.3",
+        "next: edgetree run samples/pictures --depth samples/depth",
+    ]
+    print_found(False, dict, lambda: lines)
+    assert capsys.readouterr().out.splitlines() == lines  # a file or a pipe gets whole lines
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    print_found(False, dict, lambda: lines)
+    assert capsys.readouterr().out.splitlines() == [
+        "  mean error    0.8 cm; in the long run",
+        "                -2.1 to 6.8 % of the",
+        "                diameter",
+        "    operators: RoiAlign 13.3,",
+        "      QLinearConv 10.6, Resize 2.3",
+        lines[2],
+    ]

@@ -125,7 +125,7 @@ def test_the_cards_count_detections_of_no_tree(result: DemoResult) -> None:
     frame = dataclasses.replace(result.models[0].frames[0], unmatched_detections=3)
     invented = dataclasses.replace(result.models[0], frames=(frame,))
     text = words(render_report(dataclasses.replace(result, models=(invented,)), []))
-    assert "3 invented trees: detections of the depth model without a labelled tree" in text
+    assert "3 false detections: of the depth model, where no tree is labelled" in text
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
+from edgetree.measure import Estimate, Evidence, Failure, PixelSize, StemProfile, TreeMeasurement
 from edgetree.results.text_table import table_lines
 from edgetree.results.units import AMOUNTS, direction_words
 
@@ -94,6 +94,18 @@ def test_a_reason_for_all_quantities_is_shown_once() -> None:
     lines = list(table_lines([TreeMeasurement.failed("no depth on the stem")], (1,)))
     assert lines[2].strip() == "not measured: no depth on the stem"
     assert len(lines) == 4
+
+
+def test_the_width_in_the_picture_is_told_where_there_is_no_diameter() -> None:
+    size = PixelSize(
+        width_px=Estimate(83.0, 3.0),
+        width_deg=None,
+        width_at="breast height",
+        lean_in_picture_deg=Estimate(1.0, 0.2),
+    )
+    assert "px wide" not in "".join(table_lines([MEASURED], (1,), [size]))
+    failed = TreeMeasurement.failed("no depth on the stem")
+    assert "83 ± 3 px wide" in "".join(table_lines([failed], (1,), [size]))
 
 
 def test_long_reasons_are_wrapped() -> None:

@@ -55,6 +55,7 @@ def test_each_stem_has_its_best_view_and_what_all_views_say(tmp_path, live_resul
     ]
     assert page.count("<figure") == 2
     assert "Trees in drive.mcap" in page
+    assert "each stem counts once" in page
     assert "Found by the model model.onnx; each stem has what all views say" in page
 
 
