@@ -287,9 +287,9 @@ def _follow(
                 writes = writes or open_outputs()
                 for write in writes:
                     write(result)
-            if time.monotonic() - said_s > _STATUS_EVERY_S:
-                note(told())
-                said_s = time.monotonic()
+                if time.monotonic() - said_s > _STATUS_EVERY_S:
+                    note(told())
+                    said_s = time.monotonic()
             if number == most:
                 break
         else:
