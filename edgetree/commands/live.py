@@ -15,6 +15,7 @@ from basetree.program.console import note
 from basetree.program.options import expand_groups
 from basetree.program.setup_file import naming_lines, take_setup
 from basetree.program.talking import with_talk_options
+from basetree.secrets import hide_secrets
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.live_options import (
     LiveMetresOptions,
@@ -113,9 +114,8 @@ def live(
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
     from edgetree.measure.estimates import Failure
-    from edgetree.sources.cameras.opencv import without_password
 
-    shown = without_password(source)
+    shown = hide_secrets(source)
     score_threshold = model_options.score_threshold
     model, rig, settings = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options

@@ -308,5 +308,10 @@ class LivePageOptions:
 
         page = PageServer(self.host, self.port, self.token, recorder=recorder, health=health)
         with closing(page):
-            page.start(waits=waits, on_served=lambda address: note(f"page: {address}"))
+            page.start(waits=waits, on_served=_tell_page)
             yield page
+
+
+def _tell_page(address: str) -> None:
+    """Say where the page is, with a token that nobody else knows."""
+    note(f"page: {address}", tells_secret=True)
