@@ -33,6 +33,17 @@ _WORDS: Final = {bool: "true or false", int: "a whole number", float: "a number"
 
 
 @dataclass(frozen=True)
+class NoPath:
+    """Metadata of a parameter whose text is a path, unless it is one of some words.
+
+    Attributes:
+        holds: Whether a text is one of the words.
+    """
+
+    holds: Callable[[str], bool]
+
+
+@dataclass(frozen=True)
 class Key:
     """A key of a set-up file.
 
@@ -43,6 +54,7 @@ class Key:
         is_list: Whether the value is a list.
         default: What applies without it; None for nothing, `inspect.Parameter.empty` if needed.
         info: What typer knows of the option.
+        no_path: Texts that are no paths, of an option whose others are.
     """
 
     name: str
@@ -51,6 +63,7 @@ class Key:
     is_list: bool
     default: Any
     info: Any
+    no_path: NoPath | None = None
 
     def fault(self, value: Any) -> str | None:
         """What is expected instead of a value; None if it fits."""
@@ -77,8 +90,8 @@ class Key:
         if self.kind is str and not self.is_list:
             text = str(value)
             names_file = "FILE" in (self.info.metavar or "") and (folder / text).is_file()
-            names_source = self.info.metavar == "SOURCE" and re.search(r"[/.\\]", text)
-            if names_file or (names_source and (folder / text).exists()):
+            is_path = self.no_path is not None and not self.no_path.holds(text)
+            if names_file or (is_path and (folder / text).exists()):
                 return str(folder / text)
             return text
         return value
@@ -224,7 +237,7 @@ def _key(parameter: inspect.Parameter) -> Key | None:
     hint = parameter.annotation
     if get_origin(hint) is not Annotated:
         return None
-    kind, info, *_ = get_args(hint)
+    kind, info, *others = get_args(hint)
     if getattr(info, "is_eager", False):
         return None
     if get_origin(kind) in (Union, types.UnionType):
@@ -240,6 +253,7 @@ def _key(parameter: inspect.Parameter) -> Key | None:
         is_list,
         parameter.default,
         info,
+        next((each for each in others if isinstance(each, NoPath)), None),
     )
 
 

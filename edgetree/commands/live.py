@@ -13,7 +13,7 @@ import typer
 
 from basetree.program.console import note
 from basetree.program.options import expand_groups
-from basetree.program.setup_file import naming_lines, take_setup
+from basetree.program.setup_file import NoPath, naming_lines, take_setup
 from basetree.program.talking import with_talk_options
 from basetree.secrets import hide_secrets
 from edgetree.commands.csv_options import CsvOptions
@@ -21,6 +21,7 @@ from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
     LiveSourceOptions,
+    names_no_path,
     topics_by_role,
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
@@ -70,6 +71,7 @@ _Source: TypeAlias = Annotated[
         " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec;"
         " clients, the programs that hand frames over at --serve.",
     ),
+    NoPath(names_no_path),
 ]
 
 

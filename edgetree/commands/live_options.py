@@ -47,6 +47,14 @@ if TYPE_CHECKING:
 CLIENTS: Final = "clients"
 """The source that stands for programs that hand frames over."""
 
+
+def names_no_path(source: str) -> bool:
+    """Whether a source is a camera, or stands for programs."""
+    from edgetree.sources.live import is_camera
+
+    return source == CLIENTS or is_camera(source)
+
+
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
 Topic: TypeAlias = Annotated[
