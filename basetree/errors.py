@@ -21,6 +21,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from basetree.secrets import hide_secrets
+
 __all__ = [
     "CheckFailed",
     "CheckUndecided",
@@ -42,8 +44,8 @@ _END_OF_MESSAGE = 500
 class EdgetreeError(Exception):
     """Base class of the project's errors; the message is one line meant for the user.
 
-    Messages may quote a file. Line breaks and control characters become spaces, and a message of
-    more than 2000 characters is shortened in its middle.
+    Messages may quote a file. Line breaks and control characters become spaces, passwords and
+    tokens are hidden, and a message of more than 2000 characters is shortened in its middle.
     """
 
     exit_code: ClassVar[int] = 1
@@ -112,7 +114,8 @@ def one_line(text: str) -> str:
 
 
 def short_line(text: str) -> str:
-    """Return `one_line` of a text, at most 2000 characters long."""
+    """Return `one_line` of a text without secrets, at most 2000 characters long."""
+    text = hide_secrets(text)
     if len(text) > _LONGEST_MESSAGE:
         start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]
         text = f"{start} ... {text[-_END_OF_MESSAGE:]}"

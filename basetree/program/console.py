@@ -52,7 +52,7 @@ TALK: Final = Talk()
 """How much this process says."""
 
 
-def note(text: str, *, whole: bool = False) -> None:
+def note(text: str, *, whole: bool = False, tells_secret: bool = False) -> None:
     """Print one line of at most 2000 characters on stderr, if it can be written.
 
     A quiet program leaves it out. A terminal shows it in several lines, broken between words,
@@ -61,8 +61,11 @@ def note(text: str, *, whole: bool = False) -> None:
     Args:
         text: The line.
         whole: Whether it is never broken, such as a command to copy.
+        tells_secret: Whether secrets are shown that are hidden otherwise, see
+            `basetree.secrets.hide_secrets`.
     """
-    _print(short_line(text), shown=not TALK.quiet, whole=whole)
+    line = one_line(text) if tells_secret else short_line(text)
+    _print(line, shown=not TALK.quiet, whole=whole)
 
 
 def complain(text: str, *, whole: bool = False) -> None:

@@ -23,17 +23,20 @@ def interrupt_afterwards() -> Iterator[None]:
     numbers = (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))
     found = {number: signal.getsignal(number) for number in numbers if number is not None}
     handlers = {number: handler for number, handler in found.items() if callable(handler)}
+    is_over = False
 
     def remember(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        if len(received) > 1:
+        if not is_over:
+            received.append(number)
+        if is_over or len(received) > 1:
             handlers[signal.Signals(number)](number, frame)
 
-    for number in handlers:
-        signal.signal(number, remember)
     try:
+        for number in handlers:
+            signal.signal(number, remember)
         yield
     finally:
+        is_over = True  # one that interrupts the next lines leaves handlers that delay nothing
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if received:

@@ -126,7 +126,8 @@ def _interruptible() -> Iterator[Callable[[], int | None]]:
 
     Libraries turn a KeyboardInterrupt during their import into other errors, or let Python end
     itself by SIGINT in the end. An interrupt therefore comes again until no import is in progress,
-    for some seconds.
+    for some seconds. It also comes again if Python drops it, as it does with every error in a
+    destructor or a callback.
     """
     ending: int | None = None
     delays = 0
@@ -137,10 +138,20 @@ def _interruptible() -> Iterator[Callable[[], int | None]]:
         if delays >= _MOST_DELAYS or not _is_importing(frame):
             raise KeyboardInterrupt
         delays += 1
+        send_again(number)
+
+    def send_again(number: int) -> None:
         again = threading.Timer(_AGAIN_S, _send_again, (number,))
         again.daemon = True
         again.start()
 
+    def dropped(error: sys.UnraisableHookArgs) -> None:
+        if issubclass(error.exc_type, KeyboardInterrupt):
+            send_again(ending or signal.SIGINT)
+        else:
+            usual_hook(error)
+
+    usual_hook = sys.unraisablehook
     replaced = {}
     if threading.current_thread() is threading.main_thread():
         usual: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler}
@@ -152,9 +163,12 @@ def _interruptible() -> Iterator[Callable[[], int | None]]:
         }
     for number in replaced:
         signal.signal(number, interrupt)
+    if replaced:
+        sys.unraisablehook = dropped
     try:
         yield lambda: ending
     finally:
+        sys.unraisablehook = usual_hook
         for number, handler in replaced.items():
             signal.signal(number, handler)
 

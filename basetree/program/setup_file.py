@@ -23,12 +23,24 @@ from typing import Annotated, Any, Final, Union, get_args, get_origin
 import typer
 
 from basetree.errors import InputError, InputFileError
+from basetree.secrets import HIDDEN, hide_secrets, is_secret
 
 _EXPECTED: Final = "a set-up file in TOML"
 _LARGEST_BYTES: Final = 65_536
 _META: Final = "basetree.setup_file"
 _WIDTH: Final = 96
 _WORDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+
+
+@dataclass(frozen=True)
+class NoPath:
+    """Metadata of a parameter whose text is a path, unless it is one of some words.
+
+    Attributes:
+        holds: Whether a text is one of the words.
+    """
+
+    holds: Callable[[str], bool]
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,7 @@ class Key:
         is_list: Whether the value is a list.
         default: What applies without it; None for nothing, `inspect.Parameter.empty` if needed.
         info: What typer knows of the option.
+        no_path: Texts that are no paths, of an option whose others are.
     """
 
     name: str
@@ -50,6 +63,7 @@ class Key:
     is_list: bool
     default: Any
     info: Any
+    no_path: NoPath | None = None
 
     def fault(self, value: Any) -> str | None:
         """What is expected instead of a value; None if it fits."""
@@ -76,8 +90,8 @@ class Key:
         if self.kind is str and not self.is_list:
             text = str(value)
             names_file = "FILE" in (self.info.metavar or "") and (folder / text).is_file()
-            names_source = self.info.metavar == "SOURCE" and re.search(r"[/.\\]", text)
-            if names_file or (names_source and (folder / text).exists()):
+            is_path = self.no_path is not None and not self.no_path.holds(text)
+            if names_file or (is_path and (folder / text).exists()):
                 return str(folder / text)
             return text
         return value
@@ -113,7 +127,7 @@ class SetupFile:
             for parameter, value in self.values.items()
             if isinstance(value, str)
             and len(value) > 1
-            and re.search(rf"(?<![\w-]){re.escape(value)}(?![\w-])", message)
+            and re.search(rf"(?<![\w-]){re.escape(hide_secrets(value))}(?![\w-])", message)
         }
         longest = max(quoted.values(), key=len, default=None)
         named = [self.lines.get(name) for name, value in quoted.items() if value == longest]
@@ -154,7 +168,7 @@ def read_setup(path: Path, command: Callable[..., Any]) -> SetupFile:
             raise InputFileError(f"{place}: {name} is no setting: expected {_like(name, keys)}")
         expected = keys[name].fault(value)
         if expected is not None:
-            raise InputFileError(f"{place}: {name} is {_shown(value)}: expected {expected}")
+            raise InputFileError(f"{place}: {name} is {_shown(name, value)}: expected {expected}")
         values[keys[name].parameter] = keys[name].found(value, path.absolute().parent)
     return SetupFile(path, values, lines, {keys[name].parameter: name for name in given})
 
@@ -196,15 +210,14 @@ def lines_named(setup: SetupFile | None) -> Iterator[None]:
         raise
 
 
-def setup_text(
-    command: Callable[..., Any], setup: SetupFile | None, hidden: frozenset[str] = frozenset()
-) -> str:
+def setup_text(command: Callable[..., Any], setup: SetupFile | None) -> str:
     """A set-up file with every key: those that are given, and the others as comments.
+
+    Values with secrets are comments, too, and not shown.
 
     Args:
         command: The function of the command.
         setup: What is given; None for nothing.
-        hidden: Names of keys whose values are not shown.
     """
     given = {} if setup is None else setup.values
     parts = []
@@ -214,8 +227,8 @@ def setup_text(
         is_given = key.parameter in given
         value = given[key.parameter] if is_given else key.default
         shown = '""' if value in (None, inspect.Parameter.empty) else _toml(key, value)
-        if is_given and key.name in hidden:
-            is_given, shown = False, '"..."  (it is given, and not shown)'
+        if is_given and (is_secret(key.name) or hide_secrets(str(value)) != str(value)):
+            is_given, shown = False, f'"{HIDDEN}"  (it is given, and not shown)'
         parts.append("\n".join([*about, f"{'' if is_given else '# '}{key.name} = {shown}"]))
     return "\n\n".join(parts) + "\n"
 
@@ -224,7 +237,7 @@ def _key(parameter: inspect.Parameter) -> Key | None:
     hint = parameter.annotation
     if get_origin(hint) is not Annotated:
         return None
-    kind, info, *_ = get_args(hint)
+    kind, info, *others = get_args(hint)
     if getattr(info, "is_eager", False):
         return None
     if get_origin(kind) in (Union, types.UnionType):
@@ -240,6 +253,7 @@ def _key(parameter: inspect.Parameter) -> Key | None:
         is_list,
         parameter.default,
         info,
+        next((each for each in others if isinstance(each, NoPath)), None),
     )
 
 
@@ -265,7 +279,9 @@ def _like(name: str, keys: Mapping[str, Key]) -> str:
     return near[0] if near else "the name of an option without its dashes, such as camera"
 
 
-def _shown(value: Any) -> str:
+def _shown(name: str, value: Any) -> str:
+    if is_secret(name):
+        return "not shown"
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, bool):

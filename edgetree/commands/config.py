@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 
@@ -25,8 +25,6 @@ from edgetree.commands.live_options import (
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.sinks.mqtt_settings import MqttSettings
-
-_HIDDEN: Final = frozenset({"token"})
 
 config = new_app("Check and show the set-up file of `edgetree live --config`.")
 
@@ -68,12 +66,8 @@ def show(
 
     What it prints is a set-up file: `edgetree config show > edgetree.toml` begins one.
     """
-    from edgetree.sources.cameras.opencv import without_password
-
     setup = None if file is None else read_setup(file, live_command)
-    source = "" if setup is None else setup.values.get("source", "")
-    hidden = _HIDDEN if without_password(source) == source else _HIDDEN | {"source"}
-    for line in setup_text(live_command, setup, hidden).splitlines():
+    for line in setup_text(live_command, setup).splitlines():
         tell(line)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from basetree.errors import InputError
-from edgetree.commands.live_options import CLIENTS
+from edgetree.commands.live_options import names_no_path
 
 
 def check_inputs(source: str, model: str | None, depth: Path | None) -> None:
@@ -20,11 +20,11 @@ def check_inputs(source: str, model: str | None, depth: Path | None) -> None:
         InputError: A file or folder does not exist, or no model has this name.
     """
     from edgetree.catalogue import find_model
-    from edgetree.sources.live import SOURCE_FORMS, is_camera
+    from edgetree.sources.live import SOURCE_FORMS
 
     if model is not None and not find_model(model).is_file():
         raise InputError(f"--model is {model}, which does not exist: expected an .onnx file")
-    if not (source == CLIENTS or is_camera(source) or Path(source).exists()):
+    if not (names_no_path(source) or Path(source).exists()):
         raise InputError(f"--source is {source}, which does not exist: expected {SOURCE_FORMS}")
     if depth is not None and not depth.exists():
         raise InputError(f"--depth is {depth}, which does not exist: expected depth images")

@@ -47,6 +47,14 @@ if TYPE_CHECKING:
 CLIENTS: Final = "clients"
 """The source that stands for programs that hand frames over."""
 
+
+def names_no_path(source: str) -> bool:
+    """Whether a source is a camera, or stands for programs."""
+    from edgetree.sources.live import is_camera
+
+    return source == CLIENTS or is_camera(source)
+
+
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
 Topic: TypeAlias = Annotated[
@@ -308,5 +316,10 @@ class LivePageOptions:
 
         page = PageServer(self.host, self.port, self.token, recorder=recorder, health=health)
         with closing(page):
-            page.start(waits=waits, on_served=lambda address: note(f"page: {address}"))
+            page.start(waits=waits, on_served=_tell_page)
             yield page
+
+
+def _tell_page(address: str) -> None:
+    """Say where the page is, with a token that nobody else knows."""
+    note(f"page: {address}", tells_secret=True)

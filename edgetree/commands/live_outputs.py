@@ -129,7 +129,6 @@ class LiveOutputs:
             has_depth: Whether it has depth, or an option tells distances without it.
         """
         from basetree.errors import InputError
-        from edgetree.sources.cameras.opencv import without_password
         from edgetree.sources.opening import is_stream
 
         if has_depth or is_stream(Path(source)):
@@ -137,7 +136,7 @@ class LiveOutputs:
         for name in ("map", "report"):
             if getattr(self, name) is not None:
                 raise InputError(
-                    f"--{name} needs stems in metres, and {without_password(source)} has no depth:"
+                    f"--{name} needs stems in metres, and {source} has no depth:"
                     " expected a source with depth, --depth, or without depth --camera and"
                     " --camera-height; `edgetree run` counts stems in the picture"
                 )

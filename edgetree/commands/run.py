@@ -2,40 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
 
-from basetree.program.console import keep_remarks, note, note_remarks, print_json
+from basetree.program.console import keep_remarks, note, print_json
 from basetree.program.options import expand_groups
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
-from edgetree.commands.options import (
-    Json,
-    ScoreThreshold,
-    model_record,
-    model_words,
-    quoted,
-)
+from edgetree.commands.options import Json, ScoreThreshold
 from edgetree.commands.run_checks import check_options
 from edgetree.commands.run_inputs import RunInputs, Source
 from edgetree.commands.run_outputs import RunOutputs
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 
 if TYPE_CHECKING:
-    from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
-
-_FILES: Final = {
-    "jsonl": "JSON lines",
-    "csv": "table",
-    "profiles": "profiles",
-    "coco": "labels",
-    "out": "pictures",
-    "report": "report",
-    "map": "map",
-}
 
 
 @expand_groups
@@ -59,27 +40,20 @@ def run(
     each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the results so far.
     """
     from edgetree.catalogue import suited_model
-    from edgetree.commands.frame_results import (
-        LeftOut,
-        Totals,
-        check_complete,
-        frame_results,
-        note_files,
-        source_remarks,
-        warnings_shown,
-    )
+    from edgetree.commands.frame_results import LeftOut, Totals, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.commands.other_model import OtherModel
-    from edgetree.frames.pipeline import process
-    from edgetree.live.results import numbered_stems
+    from edgetree.commands.run_results import (
+        RunResults,
+        check_whole,
+        run_object,
+        tell_next,
+        tell_results,
+    )
     from edgetree.live.tracking.picture_tracker import PictureTracker
-    from edgetree.measure import StemViews
-    from edgetree.results.frame_line import frame_line
-    from edgetree.results.json_records import frame_record
-    from edgetree.sinks import JsonLinesSink, LinesSink
     from edgetree.sources.opening import is_stream
     from edgetree.sources.source_list import list_sources
-    from edgetree.sources.videos import VideoFrames, is_picture, is_video
+    from edgetree.sources.videos import is_video
 
     keep_remarks()
     sources = list_sources(source, recursive=inputs.recursive)
@@ -96,88 +70,37 @@ def run(
         return
     detector, model_path = session.open_model(model, score_threshold)
     rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right)
-    settings = rig_options.settings()
     are_files = one is None or (one.is_dir() and not is_stream(one))
     is_followed = one is not None and (is_stream(one) or is_video(one))
     are_pictures = not any(is_stream(path) or is_video(path) for path in sources.paths)
     stems = PictureTracker() if is_followed else None
-    totals = Totals(rig, stems=stems, are_pictures=are_pictures)
-    left_out = LeftOut(inputs.strict_frames or not are_files)
-    other = OtherModel(detector, session)
-    records: list[dict[str, Any]] = []
-    record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
-    lines = outputs.jsonl or (None if as_json else sys.stdout)
-    on_terminal = lines == sys.stdout and sys.stdout.isatty()
-    guarded = GuardedOutputs(others=as_json)
-    with warnings_shown(), guarded:
+    results = RunResults(
+        sources,
+        outputs,
+        detector,
+        model_path,
+        rig,
+        rig_options.settings(),
+        Totals(rig, stems=stems, are_pictures=are_pictures),
+        LeftOut(inputs.strict_frames or not are_files),
+        OtherModel(detector, session),
+        GuardedOutputs(others=as_json),
+    )
+    with warnings_shown(), results.guarded:
         frames = inputs.open(sources, rig, pair, detector)
-        writes: list[Callable[[FrameResult], object]] = [totals.add, guarded.write]
-        if lines is not None:
-            name = "standard output" if outputs.jsonl is None else f"--jsonl {outputs.jsonl}"
-            guarded.open(
-                name,
-                lambda: (
-                    LinesSink(sys.stdout, frame_line)
-                    if on_terminal
-                    else JsonLinesSink(lines, record, grows=False)
-                ),
-            )
-        rate_hz = frames.rate_hz if isinstance(frames, VideoFrames) else None
-        about = (model_path.name, score_threshold, left_out.reasons, head, style, rate_hz)
-        outputs.open(guarded, sources, *about)
-        if as_json:
-            writes.append(lambda result: records.append(record(result)))
-
-        views = StemViews()
-
-        def measure(frame: Frame) -> FrameResult:
-            result = process(frame, detector, rig, settings, views)
-            other.look(result, lambda detector: process(frame, detector, rig, settings))
-            return result if stems is None else numbered_stems(result, stems)
-
-        results = frame_results(frames, measure, left_out, shown=not on_terminal)
-        is_interrupted = _write_all(results, writes)
-        left_out.check_some(totals.frames)
+        writes = results.open_outputs(frames, head, style, as_json=as_json)
+        shown = not results.is_on_terminal(as_json=as_json)
+        is_interrupted = _write_all(results.of(frames, shown=shown), writes)
+        results.left_out.check_some(results.totals.frames)
     if as_json:
-        named = {"pictures": "out"} | {each: each for each in ("jsonl", "csv", "profiles", "coco")}
-        paths = {each: outputs.path_if(guarded, name) for each, name in named.items()}
-        print_json(
-            {
-                "schema": "edgetree.run/1",
-                "source": str(one or sources.name),
-                **({} if one is not None else {"sources": [str(path) for path in sources.paths]}),
-                "model": model_record(detector, model_path),
-                "score_threshold": detector.score_threshold,
-                "frames": records,
-                **{name: None if path is None else str(path) for name, path in paths.items()},
-                **({} if outputs.map is None else {"map": str(outputs.map)}),
-                **({"left_out": left_out.reasons} if left_out.reasons else {}),
-                **({"incomplete": guarded.missing()} if guarded.missing() else {}),
-                **({"interrupted": True} if is_interrupted else {}),
-            }
-        )
-    words = model_words(detector, model_path)
-    for line in (*totals.lines(), *source_remarks(frames), words, *other.lines()):
-        note(line)
-    note_remarks()
-    is_video_out = outputs.out is not None and outputs.out.is_file()
-    words_of = {**_FILES, **({"out": "video"} if is_video_out else {})}
-    note_files({words: outputs.path_if(guarded, name) for name, words in words_of.items()})
-    for line in guarded.missing() if is_interrupted else ():
-        note(line)
+        print_json(run_object(results, is_interrupted=is_interrupted))
+    tell_results(results, frames)
     if is_interrupted:
+        for line in results.guarded.missing():
+            note(line)
         raise KeyboardInterrupt
-    guarded.check()
-    left_out.check_none(totals.frames)
-    check_complete(str(one or sources.name), frames.counts)
-    options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
-    takes_depth = inputs.depth is not None and detector.manifest.takes_depth
-    images = inputs.depth if takes_depth else one
-    typed = " ".join(map(quoted, sources.typed))
-    if (further := outputs.further(one)) is not None:
-        note(f"next: edgetree run {typed}{options} --model {quoted(model)} {further}", whole=True)
-    elif one is not None and (are_files or is_picture(one)):
-        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}", whole=True)
+    check_whole(results, frames)
+    tell_next(results, inputs, rig_options, model)
 
 
 def _write_all(

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import MissingPackage, install_hint
+from basetree.program.interrupts import interrupt_afterwards
 from basetree.program.supervisor import Supervisor
 from edgetree.live.status import LiveStatus
 from edgetree.results.service_state import ServiceState, StateChanges, StateName
@@ -150,9 +151,10 @@ class StateReporter:
         self._thread = threading.Thread(target=self._run, name="edgetree-state", daemon=True)
 
     def __enter__(self) -> StateReporter:
-        self._look()
-        self._supervisor.ready()
-        self._thread.start()
+        with interrupt_afterwards():
+            self._look()
+            self._supervisor.ready()
+            self._thread.start()
         return self
 
     def __exit__(
@@ -161,11 +163,12 @@ class StateReporter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._health.stop("" if error is None else str(error))
-        self._supervisor.stopping()
-        self._ending.set()
-        self._thread.join()
-        self._look()
+        with interrupt_afterwards():
+            self._health.stop("" if error is None else str(error))
+            self._supervisor.stopping()
+            self._ending.set()
+            self._thread.join()
+            self._look()
 
     def _run(self) -> None:
         limit_s = self._supervisor.watchdog_s

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError
+from basetree.program.interrupts import interrupt_afterwards
 from calib import DepthFailure, check_depth
 from edgetree.errors import ModelFileError
 from edgetree.frames.frame import Frame
@@ -142,17 +143,20 @@ class LivePipeline:
             threading.Thread(target=self._read, args=(source,), name="edgetree-read"),
             threading.Thread(target=self._detect, name="edgetree-detect"),
         ]
-        for thread in threads:
-            thread.start()
         try:
+            with interrupt_afterwards():  # one inside would leave locks locked
+                for thread in threads:
+                    thread.start()
             for detected in self._detected:
-                self._recorder.begin("measure")
-                result = self._measured(detected)
+                with interrupt_afterwards():
+                    self._recorder.begin("measure")
+                    result = self._measured(detected)
                 if result is not None:
                     yield result
                 self._recorder.end("measure")
         finally:
-            self.stop()
+            with interrupt_afterwards():
+                self.stop()
             for thread in threads:
                 thread.join()
             self._recorder.is_ended = True

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from basetree.secrets import hide_secrets
 from calib import DepthScale
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
@@ -16,7 +17,7 @@ from edgetree.sources.bags.names import is_bag
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.bags.topics import Modality
 from edgetree.sources.cameras.oak import open_oak
-from edgetree.sources.cameras.opencv import open_camera, without_password
+from edgetree.sources.cameras.opencv import open_camera
 from edgetree.sources.cameras.orbbec import open_orbbec
 from edgetree.sources.cameras.realsense import open_realsense
 from edgetree.sources.drive import is_drive, open_drive
@@ -76,7 +77,7 @@ def open_live_source(
     is_phone = not camera and is_capture(path)
     is_recording = not (camera or is_phone) and is_bag(path)
     check_options(
-        without_password(text),
+        hide_secrets(text),
         {
             "topics": bool(topics) and not is_recording,
             "depth_scale_m": rig.depth_scale_m is not None and camera,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Callable, Iterator
-from typing import Generic, TypeVar
+from contextlib import suppress
+from typing import Final, Generic, TypeAlias, TypeVar
 
 from edgetree.frames.frame import Frame
 
 _T = TypeVar("_T")
+_Bell: TypeAlias = "queue.SimpleQueue[None]"
+_TURN_S: Final = 0.25  # Python handles a signal late, or never, in a wait without end
 
 
 class PushedFrames:
@@ -46,6 +50,9 @@ class PushedFrames:
 class Handover(Generic[_T]):
     """Holds at most one value between the thread that puts and the one that takes.
 
+    An interrupt (`KeyboardInterrupt`) may come anywhere in the main thread. Its lock is one that no
+    interrupt leaves locked, unlike that of `threading.Condition`, and it waits in turns.
+
     Args:
         newest_only: Whether a new value replaces one that nobody took, instead of waiting.
         on_replaced: Called with each value that was replaced, in the thread that puts.
@@ -65,32 +72,35 @@ class Handover(Generic[_T]):
         self._values: list[_T] = []
         self._error: BaseException | None = None
         self._is_ended = False
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._arrived: _Bell = queue.SimpleQueue()
+        self._taken: _Bell = queue.SimpleQueue()
         self.dropped = 0
 
     def put(self, value: _T) -> bool:
         """Hand a value over; returns False if the other side has ended."""
-        replaced: list[_T] = []
-        with self._changed:
-            if self._newest_only and self._values:
-                replaced, self._values = self._values, []
-                self.dropped += 1
-            self._changed.wait_for(lambda: self._is_ended or not self._values)
-            if self._is_ended:
-                return False
-            self._values.append(value)
-            self._changed.notify_all()
-        if self._on_replaced is not None:
-            for each in replaced:
-                self._on_replaced(each)
+        while True:
+            with self._lock:
+                if self._is_ended:
+                    return False
+                if self._newest_only or not self._values:
+                    replaced, self._values = self._values, [value]
+                    self.dropped += len(replaced)
+                    break
+            _wait(self._taken)
+        if not replaced:
+            self._arrived.put(None)
+        elif self._on_replaced is not None:
+            self._on_replaced(replaced[0])
         return True
 
     def end(self, error: BaseException | None = None) -> None:
         """End the exchange, from either side. The other side takes what is left, then the error."""
-        with self._changed:
+        with self._lock:
             if not self._is_ended:
                 self._is_ended, self._error = True, error
-                self._changed.notify_all()
+        self._arrived.put(None)
+        self._taken.put(None)
 
     def __iter__(self) -> Iterator[_T]:
         """Take the values until the end.
@@ -99,12 +109,21 @@ class Handover(Generic[_T]):
             BaseException: The error that the exchange was ended with.
         """
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._is_ended or self._values)
-                if not self._values:
-                    if self._error is not None:
-                        raise self._error
-                    return
-                value = self._values.pop()
-                self._changed.notify_all()
-            yield value
+            with self._lock:
+                taken, self._values = self._values, []
+                is_ended, error = self._is_ended, self._error
+            if taken:
+                self._taken.put(None)
+                yield taken[0]
+            elif not is_ended:
+                _wait(self._arrived)
+            elif error is not None:
+                raise error
+            else:
+                return
+
+
+def _wait(bell: _Bell) -> None:
+    """Wait for a bell, at most for a turn."""
+    with suppress(queue.Empty):
+        bell.get(timeout=_TURN_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import os
 import re
 import shlex
 import shutil
@@ -15,6 +16,7 @@ import typer
 from basetree.program.setup_file import read_setup
 from edgetree.cli import app
 from edgetree.commands.live import live
+from edgetree.serve import Service
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"
@@ -79,6 +81,18 @@ def test_the_unit_restarts_by_the_exit_codes_of_live() -> None:
     assert service["RestartPreventExitStatus"] == "2"
     assert service["SuccessExitStatus"] == "143"
     assert int(service["WatchdogSec"]) >= 10
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such rights of files")
+def test_programs_of_the_group_may_connect_at_a_socket_and_no_others(tmp_path: Path) -> None:
+    pytest.importorskip("zmq")
+    before = os.umask(int(unit()["Service"]["UMask"], 8))
+    try:
+        with Service(f"ipc://{tmp_path}/service"):
+            rights = (tmp_path / "service").stat().st_mode & 0o777
+    finally:
+        os.umask(before)
+    assert rights & 0o066 == 0o060  # read and write: connecting needs both
 
 
 def test_the_set_up_is_valid() -> None:

@@ -125,7 +125,7 @@ class PageHandler(BaseHTTPRequestHandler):
         except ValueError:
             return Refusal(HTTPStatus.BAD_REQUEST, "the query has too many fields")
         if not known:
-            text = "open the page by the address with the token that edgetree printed"
+            text = "open the page by the address with the token that edgetree printed or got"
             return Refusal(HTTPStatus.FORBIDDEN, text)
         if not self.server.accept(self.connection):
             return Refusal(HTTPStatus.SERVICE_UNAVAILABLE, self.server.full_text)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError, Unavailable
+from basetree.secrets import hide_secrets
 from edgetree.drawing.primitives import Picture
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
@@ -78,6 +79,7 @@ class PageServer:
         self.address = ""
         self._where = (host, port)
         self._access = Access(host, token)
+        self._is_token_given = token is not None
         self._feed = Feed(stale_s, recorder, health)
         self._max_clients = max_clients
         self._http: PageHttpServer | None = None
@@ -92,7 +94,8 @@ class PageServer:
 
         Args:
             waits: Whether a port that is taken is waited for, in a thread, instead of an error.
-            on_served: Called with `address` once the page is there, from that thread if it waited.
+            on_served: Called with what may be printed of `address` once the page is there, from
+                that thread if it waited: a token that was given is hidden.
 
         Raises:
             Unavailable: The port is taken, or the address is not one of this machine.
@@ -110,7 +113,7 @@ class PageServer:
             self._waiting.start()
             return
         if on_served is not None:
-            on_served(self.address)
+            on_served(self._shown_address())
 
     def _wait(self, on_served: Callable[[str], object] | None) -> None:
         """The thread that waits for the port."""
@@ -121,8 +124,11 @@ class PageServer:
                 continue
             _LOGGER.warning("the page is served at last: port %d is free", self._where[1])
             if on_served is not None:
-                on_served(self.address)
+                on_served(self._shown_address())
             return
+
+    def _shown_address(self) -> str:
+        return hide_secrets(self.address) if self._is_token_given else self.address
 
     def _listen(self) -> None:
         host, port = self._where

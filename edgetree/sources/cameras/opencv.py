@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
+from basetree.secrets import hide_secrets
 from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import unit_vector
 from edgetree.sources.arrays import bgr_image
@@ -66,7 +67,7 @@ class _Camera(BaseSource):
         camera: calib.PinholeCamera | None,
         up: NDArray[np.float64] | None,
     ) -> None:
-        super().__init__(f"camera {without_password(address)}")
+        super().__init__(f"camera {hide_secrets(str(address))}")
         self.counts["replaced by newer frames"] = 0
         self._camera, self._up = camera, up
         self._start_s = time.time() - time.monotonic()
@@ -146,11 +147,6 @@ class _Camera(BaseSource):
                 break
             number += 1
         capture.release()
-
-
-def without_password(address: int | str) -> str:
-    """An address as messages show it; user and password may stand before its host."""
-    return re.sub(r"//[^/]*@", "//", str(address))
 
 
 def _open(address: int | str, name: str, camera: calib.PinholeCamera | None) -> cv2.VideoCapture:

@@ -51,3 +51,24 @@ def test_ignored_signals_stay_ignored() -> None:
     send(signal.SIGINT, 2, done)
     assert done == ["step"]
     assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+
+
+def test_an_interrupt_at_any_place_leaves_handlers_that_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also one at the very end of the block, while the handlers are put back."""
+    usual, set_ = [], signal.signal
+
+    def signal_amid(number: int, handler: object) -> object:
+        usual.append(number)
+        before = set_(number, handler)  # type: ignore[arg-type]
+        if len(usual) == len(SIGNALS) + 1:  # the first one that is put back
+            signal.raise_signal(number)
+        return before
+
+    monkeypatch.setattr(signal, "signal", signal_amid)
+    with pytest.raises(KeyboardInterrupt), interrupt_afterwards():
+        pass
+    for number in SIGNALS:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)

@@ -10,11 +10,11 @@ import pytest
 import typer
 
 from basetree.errors import InputError, InputFileError
-from basetree.program.setup_file import lines_named, read_setup, setup_keys, setup_text
+from basetree.program.setup_file import NoPath, lines_named, read_setup, setup_keys, setup_text
 
 
 def command(
-    source: Annotated[str, typer.Argument(metavar="SOURCE")],
+    source: Annotated[str, typer.Argument(metavar="SOURCE"), NoPath("camera".__eq__)],
     *,
     config: Annotated[Path | None, typer.Option(is_eager=True)] = None,
     camera_height: Annotated[str | None, typer.Option(help="How high.")] = None,
@@ -58,6 +58,17 @@ def test_values_are_what_would_be_typed_and_paths_begin_at_the_file(tmp_path: Pa
     }
     again = read_setup(written(tmp_path, 'source = 0\nmodel = "depth"\ncsv = "/x/a"'), command)
     assert again.values == {"source": "0", "model": "depth", "csv_file": "/x/a"}
+
+
+@pytest.mark.parametrize("name", ["images", "images.d", "sub/images", "0"])
+def test_a_source_begins_at_the_file_unless_it_is_a_camera(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "camera").mkdir()
+    setup = read_setup(written(tmp_path, f'source = "{name}"'), command)
+    assert setup.values == {"source": str(tmp_path / name)}
+    for other in ("camera", "elsewhere"):
+        setup = read_setup(written(tmp_path, f'source = "{other}"'), command)
+        assert setup.values == {"source": other}
 
 
 MISTAKES = {
@@ -112,7 +123,7 @@ def test_later_errors_name_the_line_of_the_option_or_value(tmp_path: Path) -> No
 def test_what_is_shown_is_a_set_up_file_again(tmp_path: Path) -> None:
     text = 'source = "b\\u00e4r \\"1\\""\ntopic = ["a=b"]\nstrict = false\ntoken = "secret"\n'
     setup = read_setup(written(tmp_path, text), command)
-    shown = setup_text(command, setup, frozenset({"token"}))
+    shown = setup_text(command, setup)
     assert "secret" not in shown
     assert "# How high.\n# camera-height = " in shown
     again = read_setup(written(tmp_path, shown), command)

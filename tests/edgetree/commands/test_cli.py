@@ -25,8 +25,8 @@ import edgetree.runtime.session
 from basetree.errors import CheckFailed
 from basetree.files import current_limits
 from edgetree import cli
+from edgetree.commands import run_results
 from edgetree.doctor import Findings, Libraries, Machine, ModelFile, ProviderResult, Speed
-from edgetree.frames import pipeline
 from edgetree.model_file.manifest import Manifest
 
 MAIN = "from edgetree.cli import main; main()"
@@ -201,7 +201,7 @@ def test_an_interrupt_is_one_line_and_leaves_no_files(
     def interrupted(*_: object) -> NoReturn:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "process", interrupted)
+    monkeypatch.setattr(run_results, "process", interrupted)
     jsonl, out = tmp_path / "trees.jsonl", tmp_path / "out"
     done = run_cli("run", images, "--model", model, "--jsonl", jsonl, "--out", out)
     assert done == (130, "", "edgetree: interrupted\n")

@@ -40,6 +40,19 @@ def test_a_run_by_a_file_is_the_run_by_options(
     assert second["trees"][0]["metres"]["distance_m"] == pytest.approx(4.75, abs=0.1)
 
 
+@pytest.mark.parametrize("name", ["images", "clients", "realsense", "0"])
+def test_a_source_is_beside_the_file_unless_its_name_is_that_of_a_camera(
+    run_cli: Cli, setup: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
+) -> None:
+    (setup.parent / name).mkdir(exist_ok=True)
+    setup.write_text(f'source = "{name}"\n')
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    shown = run_cli("config", "show", setup).out.splitlines()
+    found = str(setup.parent / name) if name == "images" else name
+    assert f'source = "{found}"' in shown
+
+
 def test_typed_options_override_the_file(run_cli: Cli, setup: Path, tmp_path: Path) -> None:
     done = run_cli(
         "live", setup.parent / "images" / "a.jpg", "--config", setup, "--jsonl", tmp_path / "b"

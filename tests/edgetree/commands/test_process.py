@@ -72,3 +72,34 @@ def test_an_interrupt_while_the_command_line_is_imported_is_one_line(
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert (done.returncode, done.stderr) == (130, f"{name}: interrupted\n")
+
+
+DROPPED = """
+import signal, time
+from basetree.program.process import run_command_line
+
+class Closed:
+    def __del__(self):
+        signal.raise_signal({number})
+        time.sleep(0)  # where the interrupt is raised
+
+def run():
+    Closed()
+    time.sleep(600)
+
+run_command_line("edgetree", run)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals to send")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_that_a_destructor_drops_comes_again(number: int, code: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DROPPED.format(number=int(number))],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stderr) == (code, "edgetree: interrupted\n")

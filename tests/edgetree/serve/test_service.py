@@ -109,7 +109,7 @@ def test_frames_that_wait_are_answered_when_the_service_ends(make_frame: MakeFra
         Client(service.address, timeout_s=PATIENCE_S) as client,
     ):
         client.send(make_frame())
-        wait_until(lambda: bool(service._asked))
+        wait_until(lambda: bool(service._place._asked))
         service.close()
         answer = client.receive()
     assert isinstance(answer, UnusedAnswer)
@@ -158,7 +158,7 @@ def test_frames_are_refused_where_another_source_is_measured(
         Client(service.address, timeout_s=PATIENCE_S) as client,
     ):
         id_ = client.send(make_frame())
-        wait_until(lambda: bool(service._faults.counts or service._asked))
+        wait_until(lambda: bool(service._faults.counts or service._place._asked))
         # The camera's own frame of the same number, whose result is no answer.
         camera = PushedFrames("a camera")
         camera.push(make_frame(0))
@@ -177,15 +177,15 @@ def test_a_frame_that_nobody_took_does_not_keep_the_place_of_its_program(
     with Service("tcp://127.0.0.1:0", silent_s=0.3) as service:
         with Client(service.address, timeout_s=PATIENCE_S) as hasty:
             hasty.send(make_frame())
-            wait_until(lambda: bool(service._asked))
-        wait_until(lambda: service._hander is None)
-        assert not service._asked
+            wait_until(lambda: bool(service._place._asked))
+        wait_until(lambda: service._place.holder is None)
+        assert not service._place._asked
         service.open_source().close()  # as a pipeline that ends
 
         with Client(service.address, timeout_s=PATIENCE_S) as client:
             client.send(make_frame())
             assert isinstance(client.receive(), UnusedAnswer)
-            wait_until(lambda: service._hander is None)
+            wait_until(lambda: service._place.holder is None)
 
 
 @needs_memory
@@ -362,7 +362,7 @@ def test_nonsense_gets_an_error_and_harms_nobody(
     assert answer["schema"] == "edgetree.serve.error/1"
     assert expected in answer["error"]
     dealer.send(b'{"schema": "edgetree.serve.bye/1"}')
-    wait_until(lambda: running.service._hander is None)
+    wait_until(lambda: running.service._place.holder is None)
     assert client.measure(make_frame())["trees"]
 
 
