@@ -42,13 +42,14 @@ Case = tuple[TreeDetections, Path, dict[str, Any], list[dict[str, Any]]]
 def detected(model: Path, folders: list[Path]) -> list[Case]:
     """What the model finds in each frame, with the frame's depth file and labels."""
     detector = TreeDetector.load(model, score_threshold=SCORE_THRESHOLD)
-    is_depth = detector.manifest.takes_depth
     cases = []
     for folder in folders:
         for image, trees in frames(folder, None):
             depth = folder / image["depth_file"]
-            picture = read_depth(depth) if is_depth else read_image(folder / image["file_name"])
-            cases.append((detector.detect(picture), depth, image, trees))
+            takes_depth = detector.manifest.takes_depth
+            picture = None if takes_depth else read_image(folder / image["file_name"])
+            found = detector.detect(picture, depth_m=read_depth(depth))
+            cases.append((found, depth, image, trees))
     return cases
 
 

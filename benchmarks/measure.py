@@ -105,8 +105,9 @@ def measured(
             rig_uncertainty=EXACT_RIG,
         )
         return list(zip(exact, naive_m, strict=True))
-    is_depth = detector.manifest.modality == "depth"
-    found = detector.detect(depth_m if is_depth else read_image(data / image["file_name"]))
+    takes_depth = detector.manifest.takes_depth
+    picture = None if takes_depth else read_image(data / image["file_name"])
+    found = detector.detect(picture, depth_m=depth_m)
     results = measure_trees(
         found, depth_m, camera, up_camera=up, rig_uncertainty=EXACT_RIG, settings=SIMULATED
     )

@@ -17,6 +17,7 @@ from edgetree.model_file.safety_check import read_model_file
 DEFAULTS: Final = {"rgb": "edge-s-rgb", "depth": "edge-n-depth"}
 """The packaged model that "rgb" and "depth" stand for: of a command without --model, too."""
 MODALITIES: Final = tuple(DEFAULTS)
+_BOTH: Final = "edge-n"
 FOLDERS_VARIABLE: Final = "EDGETREE_MODELS"
 """Environment variable with further folders of models, separated as in PATH."""
 
@@ -171,7 +172,12 @@ def find_model(model: Path | str) -> Path:
 
 
 def suited_model(with_depth: bool) -> str:
-    """Name of the packaged model for an image with depth, or for one without."""
+    """Name of the packaged model for an image with depth, or for one without.
+
+    With depth it is that of colour and depth, if the package has it.
+    """
+    if with_depth and (_PACKAGED / f"{_BOTH}.onnx").is_file():
+        return _BOTH
     return DEFAULTS["depth" if with_depth else "rgb"]
 
 

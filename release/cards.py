@@ -31,6 +31,7 @@ from edgetree.bench.speed import bench_detector
 from edgetree.doctor.machine import examine_machine
 from edgetree.evaluate import frames_for, predict_with_file
 from edgetree.model_file.card import CARD_SCHEMA
+from edgetree.runtime import ColourAndDepth
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.samples import sample_frames
 from perceptree.data import read_dataset
@@ -39,7 +40,11 @@ from perceptree.models import load_checkpoint
 from release.card_page import page
 
 ROOT = Path(__file__).parents[1]
-PURPOSE = {"depth": "depth images with or without colour", "rgb": "colour images"}
+PURPOSE = {
+    "depth": "depth images with or without colour",
+    "rgb": "colour images",
+    "both": "colour and depth together, or one of them",
+}
 DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_visible_fraction")
 SHOWN_SCORE = 0.5
 HALF = ("50", "from 75")
@@ -141,8 +146,7 @@ def metre_figures(detector: TreeDetector, data: Path) -> dict[str, Any]:
 
 def speed_figures(detector: TreeDetector) -> dict[str, Any]:
     """Time of a detection on the package's frames, on this machine."""
-    depth = detector.manifest.modality == "depth"
-    images = [each.depth_m() if depth else each.image() for each in sample_frames()]
+    images = [ColourAndDepth(each.image(), each.depth_m()) for each in sample_frames()]
     result = bench_detector(detector, images, duration_s=BENCH_S)
     return {
         "machine": examine_machine().processor or "",
@@ -213,7 +217,7 @@ def card(path: Path, sets: dict[str, Path], checkpoints: Path) -> dict[str, Any]
     record = training_record(path, checkpoints)
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
     manifest = detector.manifest
-    fastest = f"edge-n-{manifest.modality}"
+    fastest = "edge-n" if manifest.takes_both else f"edge-n-{manifest.modality}"
     compared = "the fastest" if path.stem == fastest else f"slower and more accurate than {fastest}"
     figures: dict[str, Any] = {
         "schema": CARD_SCHEMA,

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from both_model import write_both_model
 
 from basetree.errors import InputError
-from edgetree import TreeDetector
+from edgetree import TreeDetector, catalogue
 from edgetree.catalogue import (
     DEFAULTS,
     FOLDERS_VARIABLE,
@@ -63,6 +64,17 @@ def test_the_packaged_models_have_names() -> None:
     for modality, name in DEFAULTS.items():
         assert names[name] == default_model(modality) == find_model(modality)
     assert suited_model(with_depth=True) == "edge-n-depth"
+
+
+def test_a_packaged_model_of_both_suits_what_has_depth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_both_model(tmp_path / "edge-n.onnx")
+    monkeypatch.setattr(catalogue, "_PACKAGED", tmp_path)
+    assert suited_model(with_depth=True) == "edge-n"
+    assert suited_model(with_depth=False) == "edge-s-rgb"
+    assert other_model("both", "edge-n") is None
+    assert TreeDetector.load("edge-n", threads=1).manifest.takes_both
 
 
 @pytest.mark.parametrize("name", PACKAGED)

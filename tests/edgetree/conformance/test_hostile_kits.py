@@ -55,6 +55,8 @@ def results_with(path: Path, **frame: Any) -> Path:
         ({"width": 10**12}, r"width is 1000000000000, expected a whole number of at most 65535"),
         ({"width": 65_535, "height": 65_535}, "expected at most 200000000 pixels"),
         ({"channels": 4}, r"64x48 with 4 channels"),
+        ({"channels": 3, "depth_file": "../x"}, "depth_file is '../x', expected a path inside"),
+        ({"depth_file": "frames/a.raw"}, "has a depth_file and 1 channel, expected 3"),
     ],
 )
 def test_a_frame_that_no_kit_has_is_refused(

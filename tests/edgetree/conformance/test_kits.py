@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from both_model import write_both_model
 from numpy.typing import NDArray
 
 import calib
@@ -80,6 +81,22 @@ def test_the_same_program_passes(kits: dict[str, Path], modality: str) -> None:
     assert comparison.unmatched == 0
     assert max(each.largest for each in comparison.quantities) < 1e-3
     assert found.median_ms is None
+
+
+def test_a_kit_of_colour_and_depth_holds_both_or_either(tmp_path: Path) -> None:
+    write_both_model(tmp_path / "both.onnx")
+    kit, _ = make_kit(tmp_path / "both.onnx", tmp_path / "kit")
+    frames = {frame.name: frame for frame in kit.frames}
+    for name, images in {"wide": 2, "odd": 1, "small": 1, "blank": 1}.items():
+        pixels = read_frame(tmp_path / "kit", frames[name])
+        assert (len(pixels) if isinstance(pixels, tuple) else 1) == images
+    colour, depth = read_frame(tmp_path / "kit", frames["wide"])
+    assert colour.shape == (*depth.shape, 3)
+    assert (frames["odd"].channels, frames["small"].channels) == (3, 1)
+    assert compare_results(tmp_path / "kit", run_kit(tmp_path / "kit", threads=1)).passed
+    (tmp_path / "kit" / str(frames["wide"].depth_file)).write_bytes(bytes(10))
+    with pytest.raises(InputError, match=r"wide.depth.raw has 10 bytes: expected 1075200"):
+        run_kit(tmp_path / "kit")
 
 
 def test_times_are_measured_if_asked_for(kits: dict[str, Path]) -> None:

@@ -25,6 +25,7 @@ import bench_results
 
 _BENCH = bench_results.result_of([bench_results.row_of(accuracy=bench_results.ACCURACY)])
 _FRAME = {"name": "a", "file": "frames/a.raw", "width": 4, "height": 2, "channels": 1}
+_BOTH = _FRAME | {"name": "b", "file": "frames/b.raw", "channels": 3, "depth_file": "frames/a.raw"}
 _TEXTS = dict.fromkeys(("model", "model_sha256", "name", "precision", "project_version"), "x")
 _KIT = {
     "schema": KIT_SCHEMA,
@@ -32,7 +33,7 @@ _KIT = {
     "input_width": 64,
     "input_height": 32,
     "score_threshold": 0.15,
-    "frames": [_FRAME],
+    "frames": [_FRAME, _BOTH],
 }
 _POINTS = [[1.0, 2.0, 0.5]] * 5
 _TREE = {"score": 0.9, "box_px": [1, 2, 30, 40], "keypoints_px": _POINTS, "mask": [0.5] * 784}
@@ -95,6 +96,7 @@ def _compare_bench(path: Path) -> object:
 def _kit_beside(path: Path) -> Path:
     folder = path.with_name("kit")
     _write(folder / "frames/a.raw", bytes(16))
+    _write(folder / "frames/b.raw", bytes(24))
     _write(folder / "expected.json", _bytes(_FOUND))
     return _write(folder / "kit.json", _bytes(_KIT)).parent
 
