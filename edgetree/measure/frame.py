@@ -185,20 +185,35 @@ class DepthFrame:
     def on_any_stem(self, xy_px: Float) -> Bool:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px[..., 0].size, np.bool_)
-        x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
-        for cut in self.masks or ():
-            mask = cut.whole or cut
-            x0, y0, x1, y1 = mask.box_px.tolist()
-            (wide, left), (high, top) = mask.to_cells
-            near = np.flatnonzero((x > x0) & (x < x1))
-            across = y[near]
-            near = near[(across > y0) & (across < y1)]
-            for first in range(0, len(near), _MAX_POINTS):
-                part = near[first : first + _MAX_POINTS]
-                column, row = (wide * x[part] + left)[None], (high * y[part] + top)[None]
-                found = mask.at(column.astype(np.float32), row.astype(np.float32))
-                result[part] |= found[0] >= MASK_THRESHOLD
+        if self.masks:
+            x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
+            for first in range(0, len(x), _MAX_POINTS):
+                part = slice(first, first + _MAX_POINTS)
+                result[part] = self._on_any_mask(x[part], y[part])
         return result.reshape(xy_px.shape[:-1])
+
+    @cached_property
+    def _whole_masks(self) -> tuple[list[MaskGrid], Float, Float]:
+        """The masks before second stems were cut out, their boxes and (2, 2, T) `to_cells`."""
+        masks = [cut.whole or cut for cut in self.masks or ()]
+        boxes_px = np.array([mask.box_px for mask in masks], np.float64)
+        return masks, boxes_px, np.array([mask.to_cells for mask in masks]).transpose(1, 2, 0)
+
+    def _on_any_mask(self, x: Float, y: Float) -> Bool:
+        """(N,) whether points x, y (N,) lie on the whole mask of any tree."""
+        masks, boxes_px, to_cells = self._whole_masks
+        x0, y0, x1, y1 = boxes_px.T[..., None]
+        number, point = np.nonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
+        (wide, left), (high, top) = to_cells[..., number]
+        column = (wide * x[point] + left).astype(np.float32)
+        row = (high * y[point] + top).astype(np.float32)
+        ends = np.cumsum(np.bincount(number, minlength=len(masks))).tolist()
+        result = np.zeros(len(x), np.bool_)
+        for mask, first, last in zip(masks, [0, *ends], ends, strict=False):
+            if last > first:
+                found = mask.at(column[None, first:last], row[None, first:last])[0]
+                result[point[first:last]] |= found >= MASK_THRESHOLD
+        return result
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> Bool:
         """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""
