@@ -120,7 +120,7 @@ def own_readings(
     edges_px: Float,
     depth_m: Float,
     on_stem: Bool,
-    xy_px: Float,
+    xy_px: Float | None,
 ) -> OwnReadings:
     """Leave out readings of things in front, as far as the stem has enough of its own.
 
@@ -138,12 +138,14 @@ def own_readings(
         edges_px: (2, T, S) left and right edges across the regions.
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
         on_stem: (T, S, N) places within the masks.
-        xy_px: (T, S, N, 2) their places in the image. Sparse readings fill any outline.
+        xy_px: (T, S, N, 2) their places in the image. None leaves those that have grown from
+            another tree, for lines that a few of them do not move. Sparse readings fill any
+            outline.
     """
     if not frame.is_sparse:
         goes_on, touched = goes_on_beside(frame, regions, edges_px, depth_m)
         rows = np.flatnonzero(touched)
-        if len(rows):
+        if len(rows) and xy_px is not None:
             grown = _grown(frame, rows, regions.across[rows], xy_px[rows], depth_m[rows])
             depth_m = depth_m.copy()
             depth_m[rows] = np.where(grown, 0.0, depth_m[rows])
