@@ -73,10 +73,13 @@ class MaskGrid:
         wide, high = columns / (x1 - x0), rows / (y1 - y0)
         return (wide, -x0 * wide - 0.5), (high, -y0 * high - 0.5)
 
-    def at(self, column: Float32, row: Float32) -> Float32:
-        """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside."""
+    def at(self, column: Float32, row: Float32, out: Float32 | None = None) -> Float32:
+        """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside.
+
+        They are written to `out` if it is given.
+        """
         border = cv2.BORDER_CONSTANT
-        found = cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, borderMode=border)
+        found = cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, out, borderMode=border)
         return np.asarray(found, np.float32)
 
 
@@ -179,8 +182,10 @@ class DepthFrame:
             (flat[..., axis] * factor + summand).astype(np.float32)
             for axis, (factor, summand) in enumerate(self._to_cells)
         )
-        found = [mask.at(*place) for mask, *place in zip(self.masks, column, row, strict=True)]
-        return np.stack(found).reshape(xy_px.shape[:-1])
+        found = np.empty(column.shape, np.float32)
+        for mask, *places in zip(self.masks, column, row, found, strict=True):
+            mask.at(*places)
+        return found.reshape(xy_px.shape[:-1])
 
     def on_any_stem(self, xy_px: Float) -> Bool:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
@@ -208,11 +213,13 @@ class DepthFrame:
         column = (wide * x[point] + left).astype(np.float32)
         row = (high * y[point] + top).astype(np.float32)
         ends = np.cumsum(np.bincount(number, minlength=len(masks))).tolist()
-        result = np.zeros(len(x), np.bool_)
+        found = np.empty_like(column)
         for mask, first, last in zip(masks, [0, *ends], ends, strict=False):
             if last > first:
-                found = mask.at(column[None, first:last], row[None, first:last])[0]
-                result[point[first:last]] |= found >= MASK_THRESHOLD
+                part = np.s_[None, first:last]
+                mask.at(column[part], row[part], found[part])
+        result = np.zeros(len(x), np.bool_)
+        result[point[found >= MASK_THRESHOLD]] = True
         return result
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> Bool:
