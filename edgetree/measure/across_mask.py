@@ -61,6 +61,7 @@ class AcrossMasks(NamedTuple):
         two: (T, P) whether the depth is that of two stems and not that of one.
         near: (T, P, 2) left and right edge of the nearer of two, else -1 and 1.
         behind: (T, P) how far the axis of the other one is behind its axis, in its radii.
+        parted: (T, P) whether the background shows between two surfaces that are as far away.
         depth_m: (T, P, N) distance at N even places across, along the view of the stem; 0 where
             it is not known.
         filled: (T, P, N) which of these places are on the mask.
@@ -71,6 +72,7 @@ class AcrossMasks(NamedTuple):
     two: Bool
     near: Float
     behind: Float
+    parted: Bool
     depth_m: Float
     filled: Bool
     middle_px: Float
@@ -154,12 +156,14 @@ def look_across(frame: DepthFrame, outline: Outline) -> AcrossMasks:
     beside_m = masked_medians(beside_m, beside_m > 0)
     two &= (stations[..., 0] >= _MIN_STATIONS) & ~_goes_on(frame, profiles, near, beside_m)
     near[~two] = -1.0, 1.0
+    behind_m = _parts(np.where(found, read_m[..., 1:-1], 0.0))
     known = profiles.readings > 0
     return AcrossMasks(
         seen=stations[..., 0] >= _MIN_STATIONS,
         two=two,
         near=near,
         behind=behind,
+        parted=_parted(frame, profiles, behind_m, filled, beside_m),
         depth_m=np.where(known, profiles.depth_m, 0.0),
         filled=filled,
         middle_px=middle_px,
@@ -220,6 +224,37 @@ def _goes_on(frame: DepthFrame, profiles: _Profiles, near: Float, beside_m: Floa
     own_m = masked_medians(profiles.depth_m, own)
     within_m = SURFACE_STDS * _noise_m(frame, profiles) + SURFACE_M
     return np.asarray((beside_m > 0) & (np.abs(beside_m - own_m) < within_m))
+
+
+def _parted(
+    frame: DepthFrame, profiles: _Profiles, parts_m: Float, filled: Bool, beside_m: Float
+) -> Bool:
+    """(T, P) whether the background shows between two surfaces: nothing is seen through a stem.
+
+    It is further away, or the mask has a gap without a reading, as of the sky. Surfaces that go on
+    beside the mask, such as wires of netting, are no stems.
+
+    Args:
+        frame: Camera and settings.
+        profiles: Depth across the stems.
+        parts_m: (T, P, N, S) all readings, on the mask or not; 0 where there is none.
+        filled: (T, P, N) places on the mask.
+        beside_m: (T, P, 2) depth to the left and to the right of the mask; 0 where there is none.
+    """
+    within_m = SURFACE_STDS * _noise_m(frame, profiles) + SURFACE_M
+    reach_m = profiles.half_px * profiles.level_m / frame.camera.fx + within_m
+    off_m = parts_m - profiles.level_m[..., None, None]
+    most = parts_m.shape[-1] / 2
+    reach_m = reach_m[..., None, None]
+    far = (off_m > reach_m).sum(3) > most
+    near = ((parts_m > 0) & (off_m <= reach_m)).sum(3)
+    own = filled & (near > most)
+    far |= ~filled & (near < most)
+    left = own.cumsum(2)
+    right = left[..., -1:] - left
+    between = (far & (left >= _MIN_SAMPLES) & (right >= _MIN_SAMPLES)).any(2)
+    alike = (beside_m > 0) & (np.abs(beside_m - profiles.level_m[..., None]) < within_m[..., None])
+    return np.asarray(between & ~alike.any(2))
 
 
 def _tell(frame: DepthFrame, profiles: _Profiles, station_px: Float) -> tuple[Bool, Float, Float]:

@@ -82,9 +82,7 @@ def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD).reshape(*along.shape, -1)
     stations_m = np.where(on_stem, depth_m.reshape(on_stem.shape), 0.0)
     edges_px = np.broadcast_to(OUTWARDS * regions.half_px[:, None], (2, *along.shape))
-    own = own_readings(
-        frame, regions, edges_px, stations_m, on_stem, xy_px.reshape(*on_stem.shape, 2)
-    )
+    own = own_readings(frame, regions, edges_px, stations_m, on_stem, None)
     depth_m = own.depth_m.reshape(depth_m.shape)
     used = depth_m > 0
     depth_m = np.where(used, depth_m, 1.0)

@@ -39,9 +39,9 @@ def depth_steps(depth_m: Float) -> DepthSteps:
     """The steps of a depth image (H, W) in metres."""
     rows = depth_m[:: max(len(depth_m) // _ROWS, 1)]
     left, right = rows[:, :-1], rows[:, 1:]
-    changes = ((left != right) & (left > 0) & (right > 0)).sum(0)
-    within = (rows >= _RANGES_MM[0] / 1000) & (rows < _RANGES_MM[-1] / 1000 - 1e-3)
-    return DepthSteps(_side_px(changes), _of_disparities(rows[within]))
+    read = rows > 0
+    changes = np.count_nonzero((left != right) & read[:, :-1] & read[:, 1:], axis=0)
+    return DepthSteps(_side_px(changes), _of_disparities(rows))
 
 
 def _side_px(changes: Index) -> int:
@@ -54,8 +54,11 @@ def _side_px(changes: Index) -> int:
 
 
 def _of_disparities(depth_m: Float) -> bool:
-    """Whether depths (N,) step as disparities do."""
-    counts = np.bincount(np.rint(1000 * depth_m).astype(np.intp), minlength=_RANGES_MM[-1] + 1)
+    """Whether depths (R, W) step as disparities do."""
+    within = (depth_m >= _RANGES_MM[0] / 1000) & (depth_m < _RANGES_MM[-1] / 1000 - 1e-3)
+    # Others count as 0 mm, which no range holds.
+    depth_mm = np.rint(1000 * np.where(within, depth_m, 0)).astype(np.int32)
+    counts = np.bincount(depth_mm.ravel(), minlength=_RANGES_MM[-1] + 1)
     number = np.add.reduceat(counts, _RANGES_MM[:-1])
     values = np.add.reduceat(np.minimum(counts, 1), _RANGES_MM[:-1])
     known = (number >= _MIN_COUNT * values) & (values >= _MIN_VALUES)

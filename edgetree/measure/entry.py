@@ -37,7 +37,7 @@ _MAX_DOWN, _MAX_FORWARD = 0.5, 0.9
 
 # No stem is measured from a kilometre away, and no camera's picture has its middle nearer than the
 # metre that this is in millimetres.
-_FARTHEST_MEDIAN_M, _SAMPLED_ROWS = 1000.0, 8
+_FARTHEST_MEDIAN_M, _SAMPLED_ROWS = 1000.0, 16
 
 
 def measure_trees(

@@ -16,6 +16,16 @@ from edgetree.measure.constants.ground import (
 )
 from edgetree.measure.estimates import Estimate
 
+# Of a depth d of a cover under the height h, the integral of d^power (h + d)^3 exp(-c d) is a
+# polynomial of h; these are its coefficients by the power, the highest first.
+_RATE = 1 / EVEN_COVER_MEAN_M + 4 / STUMP_MEAN_M
+_MOMENTS = {
+    power: [
+        math.comb(3, n) * math.factorial(n + power) / _RATE ** (n + power + 1) for n in range(4)
+    ]
+    for power in (0, 2)
+}
+
 
 def above_soil(height: Estimate, stated: bool = False) -> Estimate:
     """The height above a surface, given that the surface is not below the soil.
@@ -57,8 +67,5 @@ def hidden_std_m(height_m: float) -> float:
 
 def _covered_moment(height_m: float, power: int) -> float:
     """Integral of d^power (h + d)^3 exp(-c d) over all depths d of a cover."""
-    rate = 1 / EVEN_COVER_MEAN_M + 4 / STUMP_MEAN_M
-    return sum(
-        math.comb(3, n) * height_m ** (3 - n) * math.factorial(n + power) / rate ** (n + power + 1)
-        for n in range(4)
-    )
+    cubed, squared, once, constant = _MOMENTS[power]
+    return ((cubed * height_m + squared) * height_m + once) * height_m + constant

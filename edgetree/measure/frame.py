@@ -73,10 +73,13 @@ class MaskGrid:
         wide, high = columns / (x1 - x0), rows / (y1 - y0)
         return (wide, -x0 * wide - 0.5), (high, -y0 * high - 0.5)
 
-    def at(self, column: Float32, row: Float32) -> Float32:
-        """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside."""
+    def at(self, column: Float32, row: Float32, out: Float32 | None = None) -> Float32:
+        """Probabilities (A, B) at places (A, B) on the grid, bilinear; 0 outside.
+
+        They are written to `out` if it is given.
+        """
         border = cv2.BORDER_CONSTANT
-        found = cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, borderMode=border)
+        found = cv2.remap(self.grid, column, row, cv2.INTER_LINEAR, out, borderMode=border)
         return np.asarray(found, np.float32)
 
 
@@ -179,26 +182,45 @@ class DepthFrame:
             (flat[..., axis] * factor + summand).astype(np.float32)
             for axis, (factor, summand) in enumerate(self._to_cells)
         )
-        found = [mask.at(*place) for mask, *place in zip(self.masks, column, row, strict=True)]
-        return np.stack(found).reshape(xy_px.shape[:-1])
+        found = np.empty(column.shape, np.float32)
+        for mask, *places in zip(self.masks, column, row, found, strict=True):
+            mask.at(*places)
+        return found.reshape(xy_px.shape[:-1])
 
     def on_any_stem(self, xy_px: Float) -> Bool:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px[..., 0].size, np.bool_)
-        x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
-        for cut in self.masks or ():
-            mask = cut.whole or cut
-            x0, y0, x1, y1 = mask.box_px.tolist()
-            (wide, left), (high, top) = mask.to_cells
-            near = np.flatnonzero((x > x0) & (x < x1))
-            across = y[near]
-            near = near[(across > y0) & (across < y1)]
-            for first in range(0, len(near), _MAX_POINTS):
-                part = near[first : first + _MAX_POINTS]
-                column, row = (wide * x[part] + left)[None], (high * y[part] + top)[None]
-                found = mask.at(column.astype(np.float32), row.astype(np.float32))
-                result[part] |= found[0] >= MASK_THRESHOLD
+        if self.masks:
+            x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
+            for first in range(0, len(x), _MAX_POINTS):
+                part = slice(first, first + _MAX_POINTS)
+                result[part] = self._on_any_mask(x[part], y[part])
         return result.reshape(xy_px.shape[:-1])
+
+    @cached_property
+    def _whole_masks(self) -> tuple[list[MaskGrid], Float, Float]:
+        """The masks before second stems were cut out, their boxes and (2, 2, T) `to_cells`."""
+        masks = [cut.whole or cut for cut in self.masks or ()]
+        boxes_px = np.array([mask.box_px for mask in masks], np.float64)
+        return masks, boxes_px, np.array([mask.to_cells for mask in masks]).transpose(1, 2, 0)
+
+    def _on_any_mask(self, x: Float, y: Float) -> Bool:
+        """(N,) whether points x, y (N,) lie on the whole mask of any tree."""
+        masks, boxes_px, to_cells = self._whole_masks
+        x0, y0, x1, y1 = boxes_px.T[..., None]
+        number, point = np.nonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
+        (wide, left), (high, top) = to_cells[..., number]
+        column = (wide * x[point] + left).astype(np.float32)
+        row = (high * y[point] + top).astype(np.float32)
+        ends = np.cumsum(np.bincount(number, minlength=len(masks))).tolist()
+        found = np.empty_like(column)
+        for mask, first, last in zip(masks, [0, *ends], ends, strict=False):
+            if last > first:
+                part = np.s_[None, first:last]
+                mask.at(column[part], row[part], found[part])
+        result = np.zeros(len(x), np.bool_)
+        result[point[found >= MASK_THRESHOLD]] = True
+        return result
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> Bool:
         """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""

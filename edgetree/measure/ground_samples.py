@@ -73,14 +73,13 @@ def sample_around(
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]
-    rise = offset @ vertical
-    x_m, y_m, z_m = offset.transpose(2, 0, 1)
-    level_m = np.sqrt(np.maximum(x_m**2 + y_m**2 + z_m**2 - rise**2, 0.0))
+    rise, squared = offset @ vertical, np.vecdot(offset, offset)
+    level_m = np.sqrt(np.maximum(squared - rise**2, 0.0))
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
     usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
     along_m = np.vecdot(offset, axes.along[:, None])
-    from_axis_m = np.sqrt(np.maximum(np.vecdot(offset, offset) - along_m**2, 0.0))
+    from_axis_m = np.sqrt(np.maximum(squared - along_m**2, 0.0))
     usable &= from_axis_m > axes.own_m[:, None]
     usable &= (rise < MAX_ABOVE_CUT_M) & (rise > -MAX_BELOW_CUT_M)
     return GroundSamples(points, usable, level_m, sparse)

@@ -89,10 +89,13 @@ def _grown(frame: DepthFrame, rows: Index, across: Float, xy_px: Float, depth_m:
     beside_px = xy_px + away_px * across[:, None, None]
     own_masks = replace(frame, masks=[(frame.masks or [])[row] for row in rows.tolist()])
     own = own_masks.mask_probability(beside_px.swapaxes(0, 1)).swapaxes(0, 1) >= MASK_THRESHOLD
-    alike = np.abs(frame.depth_at(beside_px) - depth_m) < _noise_m(frame, depth_m)
-    grown = (depth_m > 0) & alike & ~own
-    # Few places are left to look for other masks at.
-    grown[grown] = frame.on_any_stem(beside_px[grown][None])[0]
+    # Few places are left to read the depth, and to look for other masks at.
+    left = np.nonzero((depth_m > 0) & ~own)
+    places_px, there_m = beside_px[left], depth_m[left[1:]]
+    alike = np.abs(frame.depth_at(places_px) - there_m) < _noise_m(frame, there_m)
+    alike[alike] = frame.on_any_stem(places_px[alike][None])[0]
+    grown = np.zeros_like(own)
+    grown[left] = alike
     return np.asarray(grown.any(0))
 
 
@@ -117,7 +120,7 @@ def own_readings(
     edges_px: Float,
     depth_m: Float,
     on_stem: Bool,
-    xy_px: Float,
+    xy_px: Float | None,
 ) -> OwnReadings:
     """Leave out readings of things in front, as far as the stem has enough of its own.
 
@@ -135,12 +138,14 @@ def own_readings(
         edges_px: (2, T, S) left and right edges across the regions.
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
         on_stem: (T, S, N) places within the masks.
-        xy_px: (T, S, N, 2) their places in the image. Sparse readings fill any outline.
+        xy_px: (T, S, N, 2) their places in the image. None leaves those that have grown from
+            another tree, for lines that a few of them do not move. Sparse readings fill any
+            outline.
     """
     if not frame.is_sparse:
         goes_on, touched = goes_on_beside(frame, regions, edges_px, depth_m)
         rows = np.flatnonzero(touched)
-        if len(rows):
+        if len(rows) and xy_px is not None:
             grown = _grown(frame, rows, regions.across[rows], xy_px[rows], depth_m[rows])
             depth_m = depth_m.copy()
             depth_m[rows] = np.where(grown, 0.0, depth_m[rows])
@@ -160,9 +165,12 @@ def own_readings(
         within_m = half_px[rows] * front_m / frame.camera.fx + _noise_m(frame, front_m)
         nearer[rows] = goes_on[rows] & (depth_m[rows] < front_m - within_m)
     fills = (not frame.is_sparse) & ((depth_m > 0).sum((1, 2)) >= FILLED_SHARE * places)
-    through = _seen_through(frame, depth_m, own, goes_on, half_px) >= SEEN_THROUGH_SHARE * places
-    plausible = enough | (fills & ~through)
-    return OwnReadings(np.where(nearer, 0.0, depth_m), plausible, ~enough & fills)
+    doubtful = ~enough & fills
+    plausible = enough | doubtful
+    if doubtful.any():
+        seen = _seen_through(frame, depth_m, own, goes_on, half_px)
+        plausible &= enough | (seen < SEEN_THROUGH_SHARE * places)
+    return OwnReadings(np.where(nearer, 0.0, depth_m), plausible, doubtful)
 
 
 def _seen_through(

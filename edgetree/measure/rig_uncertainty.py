@@ -17,6 +17,7 @@ from edgetree.measure.constants.rig import (
     ROTATION_STD_DEG,
 )
 
+_EYE = np.eye(3)
 _NAMES = {
     "scale": "depth_scale_std",
     "principal": "principal_std_px",
@@ -179,7 +180,7 @@ class RigErrors:
 
     def direction_covariance(self, direction: Float) -> Float:
         """(3, 3) covariance of a (3,) unit direction, in rad²: what turns it, not its length."""
-        level = np.eye(3) - np.outer(direction, direction)
+        level = _EYE - direction[:, None] * direction
         return np.asarray(level @ self.covariance(direction) @ level)
 
     def vertical_covariance(self, up: Float) -> Float:

@@ -91,18 +91,23 @@ def without_second_stems(
     parting = _parting(across)
     masks, boxes_px = list(frame.masks), boxes_px.copy()
     suspected = (across.two | parting).sum(1) >= _MIN_TWO
-    for index in np.flatnonzero(wanted & suspected).tolist():
+    # From its foot on, as a fork does not.
+    parted = across.parted[np.arange(len(wanted)), across.seen.argmax(1)]
+    parted &= across.parted.sum(1) >= _MIN_AGREEING
+    for index in np.flatnonzero(wanted & (suspected | parted)).tolist():
         parts = AcrossMasks(*(part[index] for part in across))
         regions = SearchRegions(*(part[[index]] for part in outline.regions.arrays))
         stem = _meant(parts, parting[index], regions, frame.camera.fx)
         if stem is None:
-            second.unclear[index] = parts.two.sum() >= _MIN_TWO
+            second.unclear[index] = parted[index] or parts.two.sum() >= _MIN_TWO
             continue
         other = parts.two | parting[index]
         if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
             second.cut[index] = True
             masks[index] = _cut(masks[index], stem, regions)
             boxes_px[index] = _box(masks[index], boxes_px[index])
+        else:
+            second.unclear[index] = parted[index]
     return replace(frame, masks=masks), boxes_px, second
 
 

@@ -148,9 +148,12 @@ class StemEdges:
             masks by height.
         """
         bearing, slope = axes.bearing_and_slope(self.section)
-        keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(axes))
+        rad_per_px = self._rad_per_px(axes)
+        # Half the difference of two edges with independent errors.
+        std_rad = self.section_std_px * rad_per_px / np.sqrt(2)
+        keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, std_rad)
         slope = slope.mean(1)
-        widths = self.mask_widths(axes, slope * np.cos(keypoints.rad))
+        widths = self._mask_widths(axes, slope * np.cos(keypoints.rad), rad_per_px)
         mask, mask_middle = self._at_section(widths)
         sources = [keypoints, mask]
         fused, weights = fuse(sources)
@@ -176,6 +179,11 @@ class StemEdges:
             axes: Coordinate systems of the stems.
             section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
         """
+        return self._mask_widths(axes, section_height_ratio, self._rad_per_px(axes))
+
+    def _mask_widths(
+        self, axes: StemAxes, section_height_ratio: Float, rad_per_px: Float
+    ) -> MaskWidths:
         bearing, slope = axes.bearing_and_slope(self.sides)
         # A station of which one edge shows has the height of that edge.
         both, number = self._both, np.maximum(self._both.sum(1, keepdims=True), 1)
@@ -188,12 +196,8 @@ class StemEdges:
             height_m=height_ratio * self.distance_m[:, None],
             bearing_rad=np.where(self.valid, bearing, 0.0),
             valid=self.valid,
-            std_rad=self.mask_std_px * self._rad_per_px(axes) / np.sqrt(2),
+            std_rad=self.mask_std_px * rad_per_px / np.sqrt(2),
         )
-
-    def _std_rad(self, axes: StemAxes) -> Float:
-        """(T,) of the half angle: half the difference of two edges with independent errors."""
-        return np.asarray(self.section_std_px * self._rad_per_px(axes) / np.sqrt(2))
 
     def _rad_per_px(self, axes: StemAxes) -> Float:
         """(T,) change of an edge's bearing per pixel across the stem."""

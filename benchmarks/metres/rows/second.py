@@ -56,6 +56,17 @@ def _two(
     return draw
 
 
+def beside(rng: np.random.Generator) -> Readings:
+    """Two stems as far away that touch, or stand apart by up to 0.4 of their mean diameter."""
+    meant = stem(rng, lean_deg=abs(rng.normal(0, 2)))
+    diameter_m = rng.uniform(0.15, 0.4)
+    mean_m = (meant.diameter_m + diameter_m) / 2
+    apart = rng.uniform(1.0, 1.4) * mean_m / meant.diameter_m
+    second = _beside(rng, meant, rng.uniform(0.98, 1.02), apart, diameter_m=diameter_m)
+    frame = stand(rng, [meant, second])
+    return _measured(rng, frame, frame.owner > 0, False)
+
+
 def _arm(rng: np.random.Generator, frame: Stand, from_m: float, bent: bool) -> list[Cone]:
     """A second stem that parts from the first one; a bent one turns upright in three pieces."""
     start_m = frame.to_camera.T @ frame.axis_m(0, from_m)
@@ -151,7 +162,7 @@ def single_twigs(rng: np.random.Generator) -> Readings:
 ROWS = {
     "second-behind": _two((1.05, 1.7), (0.3, 1.1)),
     "second-close": _two((1.02, 1.15), (0.7, 1.3)),
-    "second-beside": _two((0.98, 1.02), (1.0, 1.4), diameter_m=(0.15, 0.4)),
+    "second-beside": beside,
     "second-behind-keypoints": _two((1.05, 1.7), (0.3, 1.1), keypoints=True),
     "second-in-front-keypoints": _two((0.6, 0.95), (0.4, 1.1), keypoints=True),
     "second-crossing": _two((1.05, 1.4), (0.3, 1.1), lean_deg=(8.0, 20.0)),

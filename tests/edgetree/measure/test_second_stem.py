@@ -73,6 +73,22 @@ def test_of_two_stems_at_the_same_distance_none_is_measured(scene, pole, seed):
     assert SEVERAL in tree.diameter_m.reason
 
 
+@pytest.mark.parametrize("further", [None, 3.0])
+@pytest.mark.parametrize("seed", range(1000, 1004))
+def test_between_two_stems_the_background_shows(scene, pole, seed, further):
+    """Thick and thin ones in noisy depth, before the sky or before something far behind."""
+    rng = np.random.default_rng(seed)
+    thick_m, thin_m, ahead_m = rng.uniform(0.3, 0.4), rng.uniform(0.15, 0.2), rng.uniform(6.0, 8.0)
+    apart_m = rng.uniform(0.65, 0.7) * (thick_m + thin_m)
+    poles = [pole(thick_m, 0.0, ahead_m, top_m=6.0), pole(thin_m, apart_m, ahead_m, top_m=6.0)]
+    stand = scene(*poles, camera=CAMERA, camera_height_m=1.8)
+    if further is not None:
+        stand.depth_m[stand.depth_m == 0] = further * ahead_m
+    tree = measured(stand, seed)
+    assert isinstance(tree.diameter_m, Failure)
+    assert SEVERAL in tree.diameter_m.reason
+
+
 @pytest.mark.parametrize("seed", range(1000, 1006))
 def test_a_fork_is_measured_below_its_arms(scene, pole, seed):
     """Two stems that part upwards from one place, in one mask."""
