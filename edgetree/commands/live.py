@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -119,10 +120,17 @@ def live(
     takes_depth = detector.manifest.takes_depth
     others = (record_options.record, page_options.page, page_options.serve)
     guarded = GuardedOutputs(others=any(others))
-    about = {"source": shown, "score_threshold": score_threshold, "rig": rig, "settings": settings}
+    record = partial(
+        run_record,
+        model_path,
+        source=shown,
+        score_threshold=score_threshold,
+        rig=rig,
+        settings=settings,
+    )
     with (
         warnings_shown(),
-        record_options.recording(lambda: run_record(model_path, **about)) as recorder,
+        record_options.recording(record) as recorder,
         page_options.listening(source) as service,
         ExitStack() as stack,
     ):

@@ -150,7 +150,7 @@ def test_logrotate_takes_its_file(tmp_path: Path) -> None:
 def test_a_guide_installs_each_file_or_another_file_takes_it(name: str) -> None:
     guides = GUIDE + (ROOT / "docs" / "guides" / "container.md").read_text("utf-8")
     others = "".join(each.read_text("utf-8") for each in DEPLOY.iterdir() if each.name != name)
-    installed = re.search(rf"(?<![\w-])deploy/{re.escape(name)}(?![\w.])", guides)
+    installed = re.search(rf"(install .* |(?<![\w-])deploy/){re.escape(name)}(?![\w.])", guides)
     assert installed or f"/{name}" in others
 
 

@@ -62,7 +62,7 @@ SCHEMAS = {
         "edgetree.serve.ask/1",
         "edgetree.serve.bye/1",
     },
-    "edgetree/serve/service.py": {
+    "edgetree/serve/answers.py": {
         "edgetree.serve.result/1",
         "edgetree.serve.error/1",
         "edgetree.serve.status/1",
@@ -103,7 +103,6 @@ SCHEMAS = {
 WITHOUT = {
     "basetree/files/json.py": "what others give it, and texts of messages",
     "basetree/program/console.py": "what others give it",
-    "basetree/program/schemas.py": "schemas themselves",
     "basetree/program/setup_file.py": "texts in a TOML file",
     "edgetree/bench/rounds.py": "to a process of its own",
     "edgetree/bench/worker.py": "from a process of its own",
