@@ -103,6 +103,7 @@ SCHEMAS = {
 WITHOUT = {
     "basetree/files/json.py": "what others give it, and texts of messages",
     "basetree/program/console.py": "what others give it",
+    "basetree/program/schemas.py": "schemas themselves",
     "basetree/program/setup_file.py": "texts in a TOML file",
     "edgetree/bench/rounds.py": "to a process of its own",
     "edgetree/bench/worker.py": "from a process of its own",
