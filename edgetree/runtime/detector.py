@@ -14,10 +14,11 @@ import calib
 from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
+from edgetree.model_file.manifest import InputSpec
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
-from edgetree.runtime.input_images import blank_image, by_input, check_image, to_bytes
+from edgetree.runtime.input_images import by_input, check_image, to_bytes
 from edgetree.runtime.pairs import (
     ColourAndDepth,
     FrameImage,
@@ -121,10 +122,10 @@ class TreeDetector:
         Args:
             rounds: Number of blank images.
         """
-        blank = blank_image(self.manifest)
-        pair = ColourAndDepth(blank[..., :3], blank[..., 3]) if self.manifest.takes_both else blank
+        blanks = [self._blank(target) for target in self.manifest.graph_inputs.values()]
+        blank: FrameImage = blanks[0] if len(blanks) == 1 else ColourAndDepth(blanks[0], blanks[1])
         for _ in range(rounds):
-            self.detect(pair)
+            self.detect(blank)
 
     def detect(
         self,
@@ -201,7 +202,8 @@ class TreeDetector:
         Raises:
             InputError: As for `detect`.
         """
-        return self._prepare(self._checked(image, "image")).pixels
+        planes = self._prepare(self._checked(image, "image")).planes
+        return planes[0] if len(planes) == 1 else np.dstack(planes)
 
     def inputs_of(self, prepared: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
         """The graph's inputs for prepared images: these, and the lowest score that is wanted.
@@ -209,12 +211,15 @@ class TreeDetector:
         Args:
             prepared: (B, ...) results of `prepare`.
         """
-        inputs: dict[str, NDArray[Any]] = dict(by_input(prepared, self.manifest))
+        return by_input(prepared, self.manifest) | self._lowest_score()
+
+    def _lowest_score(self) -> dict[str, NDArray[Any]]:
+        """The optional input of that name, where the graph has one."""
         thresholds = self.manifest.thresholds
-        if thresholds.score_input is not None:
-            lowest = max(self.score_threshold, thresholds.score)
-            inputs[thresholds.score_input] = np.array([lowest], np.float32)
-        return inputs
+        if thresholds.score_input is None:
+            return {}
+        lowest = max(self.score_threshold, thresholds.score)
+        return {thresholds.score_input: np.array([lowest], np.float32)}
 
     def _prepare(self, image: FrameImage) -> PreparedImages:
         if isinstance(image, ColourAndDepth):
@@ -225,7 +230,7 @@ class TreeDetector:
         letterbox = calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
         pad_value = self.manifest.resize.pad_value
         pixels = letterbox.apply(to_bytes(image, self._encoding), pad_value)
-        return PreparedImages(letterbox, pixels, None, self._unlike(pixels, letterbox))
+        return PreparedImages(letterbox, (pixels,), None, self._unlike(pixels, letterbox))
 
     def _detect_all(self, images: list[FrameImage]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
@@ -246,12 +251,18 @@ class TreeDetector:
     def _detect_together(self, images: list[FrameImage], batch: int) -> list[TreeDetections]:
         """Run the graph once, on up to `batch` images."""
         prepared = [self._prepare(image) for image in images]
-        pixels = [each.pixels for each in prepared]
-        pixels += [blank_image(self.manifest)] * (batch - len(images))
-        stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
-        outputs = self.session.run(self.inputs_of(stacked))
+        inputs: dict[str, NDArray[Any]] = self._lowest_score()
+        for number, target in enumerate(self.manifest.graph_inputs.values()):
+            pixels = [each.planes[number] for each in prepared]
+            pixels += [self._blank(target)] * (batch - len(images))
+            inputs[target.name] = pixels[0][None] if batch == 1 else np.stack(pixels)
+        outputs = self.session.run(inputs)
         found = check_outputs(outputs, self.manifest, batch, self.session.name)
         return [self._to_image(rows, each) for rows, each in zip(found, prepared, strict=False)]
+
+    def _blank(self, target: InputSpec) -> NDArray[np.uint8]:
+        """An image of padding alone for an input."""
+        return np.full(target.image_shape, self.manifest.pad_value_of(target), np.uint8)
 
     def _unlike(
         self, image: NDArray[np.uint8], letterbox: calib.Letterbox

@@ -84,16 +84,6 @@ def by_input(images: UInt8, manifest: Manifest) -> dict[str, UInt8]:
     return {name: np.ascontiguousarray(part) for name, part in parts.items()}
 
 
-def blank_image(manifest: Manifest) -> UInt8:
-    """An image of padding alone, as `by_input` takes it without the batch axis."""
-    inputs = manifest.graph_inputs
-    planes = [
-        np.full(target.image_shape, manifest.pad_value_of(target), np.uint8)
-        for target in inputs.values()
-    ]
-    return planes[0] if len(planes) == 1 else np.dstack(planes)
-
-
 def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> UInt8:
     """Convert a checked image to uint8, without resizing it.
 

@@ -49,14 +49,14 @@ class PreparedImages:
 
     Attributes:
         letterbox: How the frame is fitted into the input.
-        pixels: (H, W, 3) or (H, W) uint8; of both (H, W, 4), the depth last, where an image that is
-            left out shows nothing.
+        planes: (H, W, 3) or (H, W) uint8 for each of the graph's inputs, in their order. Of both,
+            an image that is left out shows nothing.
         alone: Which image is used alone and why; None if both are.
         unlike: How the images that are used differ from those of the training, if they do clearly.
     """
 
     letterbox: calib.Letterbox
-    pixels: UInt8
+    planes: tuple[UInt8, ...]
     alone: OneImage | None
     unlike: UnlikeTraining | None
 
@@ -131,14 +131,11 @@ def prepare_pair(
         del planes[kind]
     left_out = "; ".join(reason for kind, reason in gone.items() if kind not in planes)
     alone = OneImage(next(iter(planes), "neither"), left_out) if len(planes) < len(given) else None
-    pixels = np.dstack([planes.get(kind, _nothing(manifest, kind)) for kind in given])
-    return PreparedImages(letterbox, pixels, alone, next(iter(unlike.values()), None))
-
-
-def _nothing(manifest: Manifest, kind: str) -> UInt8:
-    target = manifest.graph_inputs[kind]
-    assert target.nothing is not None
-    return np.full(target.image_shape, target.nothing, np.uint8)
+    shown = tuple(
+        planes[kind] if kind in planes else np.full(target.image_shape, target.nothing, np.uint8)
+        for kind, target in targets.items()
+    )
+    return PreparedImages(letterbox, shown, alone, next(iter(unlike.values()), None))
 
 
 def _shows_nothing(statistics: dict[str, float]) -> str | None:
