@@ -44,15 +44,10 @@ def to_float16(model: Any, frames: UInt8) -> Any:
         )
     }
     kept = [node.name for node in model.graph.node if node.name not in safe]
-    known = {constant.name for constant in model.graph.initializer}
-    optional = [value for value in model.graph.input if value.name in known]
-    for value in optional:  # as an input, the converter would round it to float16
-        model.graph.input.remove(value)
     with quiet():
         converted = convert_float_to_float16(
             model, keep_io_types=True, op_block_list=[], node_block_list=kept
         )
-    converted.graph.input.extend(optional)
     return _without_redundant_casts(converted)
 
 
