@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.peers.environments import DEVELOPMENT
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import DISPLAY_THRESHOLD
 
 SIDE_PX: Final = 800
 BARE, WHOLE = "bare run", "frame to trees"
@@ -35,6 +37,7 @@ class Contestant:
         layout: Layout of the input, see `workers/stopwatch.py`.
         side_px: Side of the letterboxed frames; None for frames as they come.
         options: Further options of the worker.
+        depth: Whether it takes depth images, not colour.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Contestant:
     layout: str = "planes"
     side_px: int | None = SIDE_PX
     options: tuple[str, ...] = ()
+    depth: bool = False
 
     @property
     def network(self) -> str | None:
@@ -94,17 +98,20 @@ ABSENT: Final = {
 """Who cannot take part, and why."""
 
 
-def ours(name: str, file: Path, precision: str) -> list[Contestant]:
+def ours(name: str, file: Path, manifest: Manifest) -> list[Contestant]:
     """A file of this project: its bare run, the whole detection, and its run in OpenVINO."""
+    takes_scores = manifest.thresholds.score_input is not None
     bare = Contestant(
         name,
         DEVELOPMENT,
         "run_onnxruntime.py",
         str(file.absolute()),
         _ALL,
-        precision,
+        manifest.precision,
         _OURS,
         layout="bytes",
+        options=("--lowest-score", str(DISPLAY_THRESHOLD)) if takes_scores else (),
+        depth=manifest.takes_depth,
     )
     whole = replace(
         bare,
@@ -113,6 +120,7 @@ def ours(name: str, file: Path, precision: str) -> list[Contestant]:
         timed=WHOLE,
         layout="image",
         side_px=None,
+        options=(),
     )
     return [bare, whole, _in_openvino(bare, str(file.absolute()))]
 
@@ -124,6 +132,7 @@ def _in_openvino(contestant: Contestant, file: str) -> Contestant:
         environment="openvino",
         worker="run_openvino.py",
         file=file,
+        options=(),
     )
 
 

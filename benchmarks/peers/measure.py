@@ -56,7 +56,7 @@ def run(contestant: Contestant, arguments: argparse.Namespace) -> Record:
         python_of(contestant.environment, folder),
         WORKERS / contestant.worker,
         folder / contestant.file,
-        frames_file(contestant.side_px, folder),
+        frames_file(contestant.side_px, folder, depth=contestant.depth),
         f"--threads={threads}",
         f"--seconds={arguments.seconds}",
         f"--layout={contestant.layout}",
@@ -103,7 +103,7 @@ def row(contestant: Contestant, records: Sequence[Record], folder: Path) -> Reco
         parameters = TreeDetector.load(file).manifest.parameters
     else:
         parameters = facts_of(network, folder)["parameters"]
-    frames = np.load(frames_file(contestant.side_px, folder), mmap_mode="r")
+    frames = np.load(frames_file(contestant.side_px, folder, depth=contestant.depth), mmap_mode="r")
     return {
         "name": contestant.name,
         "gives": list(contestant.gives),
@@ -182,7 +182,7 @@ def all_contestants(arguments: argparse.Namespace) -> dict[str, Contestant]:
     found = []
     for given in arguments.ours:
         name, _, file = given.partition("=")
-        found += ours(name, Path(file), TreeDetector.load(file).manifest.precision)
+        found += ours(name, Path(file), TreeDetector.load(file).manifest)
     for peer in peers():
         if any(fnmatch.fnmatch(peer.name, pattern) for pattern in arguments.only):
             found.append(peer)

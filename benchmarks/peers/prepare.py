@@ -16,7 +16,8 @@ import numpy as np
 import calib
 from benchmarks.peers.contestants import NETWORKS, Network
 from benchmarks.peers.environments import python_of
-from edgetree import sample_frames
+from edgetree import TreeDetector, default_model, sample_frames
+from edgetree.runtime.input_images import to_bytes
 
 PAD_VALUE = 114
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,20 +61,28 @@ def call(command: list[str | Path], threads: int | None, folder: Path) -> dict[s
     return record
 
 
-def frames_file(side_px: int | None, folder: Path) -> Path:
-    """The sample frames of edgetree as (N, H, W, 3) uint8 BGR in a .npy file.
+def frames_file(side_px: int | None, folder: Path, *, depth: bool = False) -> Path:
+    """The sample frames of edgetree in a .npy file.
+
+    They are (N, H, W, 3) uint8 BGR; with `depth` (N, H, W), uint8 as encoded for the packaged file,
+    or float32 metres where they are as they come.
 
     Args:
         side_px: Side of the square that they are letterboxed to; None for frames as they are.
         folder: Folder of the file.
+        depth: Whether to take the depth images.
     """
-    path = folder / f"frames-{side_px or 'whole'}.npy"
+    path = folder / f"frames-{side_px or 'whole'}{'-depth' * depth}.npy"
     if not path.is_file():
-        images = [sample.image() for sample in sample_frames()]
+        samples = sample_frames()
+        images: list[Any] = [each.depth_m() if depth else each.image() for each in samples]
         if side_px is not None:
+            manifest = TreeDetector.load(default_model("depth")).manifest
+            encoding = calib.DepthEncoding.from_dict(dict(manifest.depth_encoding or {}))
+            pad_value = manifest.resize.pad_value if depth else PAD_VALUE
             height, width = images[0].shape[:2]
             letterbox = calib.Letterbox.fit(width, height, side_px, side_px)
-            images = [letterbox.apply(image, PAD_VALUE) for image in images]
+            images = [letterbox.apply(to_bytes(image, encoding), pad_value) for image in images]
         np.save(path, np.stack(images))
     return path
 

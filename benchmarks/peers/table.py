@@ -38,10 +38,11 @@ def table_lines(result: Mapping[str, Any]) -> Iterator[str]:
         f" {result['machine']}."
     )
     yield (
-        "Untrained weights. Times are bare runs, from the input array ready in memory to the output"
-        f" arrays, without processing before and after; rows named “{WHOLE}” are the whole"
-        " `TreeDetector.detect`, from a frame of 1280x720 px in memory to its trees. The INT8 files"
-        " of YOLO come from its package's own quantisation, calibrated on the same frames."
+        "Peers have untrained weights. Times are bare runs, from the input array ready in memory to"
+        " the output arrays, without processing before and after; rows named"
+        f" “{WHOLE}” are the whole `TreeDetector.detect`, from a frame of 1280x720 px in memory to"
+        " its trees. The INT8 files of YOLO come from its package's own quantisation, calibrated on"
+        " the same frames."
     )
 
 

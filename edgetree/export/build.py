@@ -117,6 +117,8 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
             manifest = replace(manifest, weight_bits=weight_bits(symmetric=symmetric))
         else:
             proto = to_float16(proto, frames)
+    if manifest.thresholds.score_input is not None:
+        offer_lowest_score(proto)
     _remove_debug_info(proto)
     return BuiltModel(proto, manifest)
 
@@ -148,8 +150,8 @@ def trace(
 
     Returns:
         An `onnx.ModelProto`, whose nodes name the modules that they come from. Unless `every_row`,
-        it has the optional input `SCORE_INPUT` of shape (1,) beside `image`, the spec's threshold
-        by default: boxes with a lower score go to no mask or keypoint head.
+        the spec's threshold is its constant `SCORE_INPUT` of shape (1,): boxes with a lower score
+        go to no mask or keypoint head.
 
     Raises:
         RuntimeError: Torch gave no ONNX program.
@@ -193,10 +195,23 @@ def trace(
         raise RuntimeError("torch.onnx.export returned no program: expected an ONNXProgram")
     proto = program.model_proto
     if not every_row:
-        # An initializer that is an input as well is the input's default.
+        proto.graph.input.pop()
         default = onnx.numpy_helper.from_array(inputs[SCORE_INPUT].numpy(), SCORE_INPUT)
         proto.graph.initializer.append(default)
     return proto
+
+
+def offer_lowest_score(proto: Any) -> None:
+    """Make the constant `SCORE_INPUT` of a traced `onnx.ModelProto` an input with that default.
+
+    In ONNX, a constant that is an input as well is the input's default. Until this is done, the
+    libraries that convert a graph need not know it.
+    """
+    import onnx
+
+    constant = next(each for each in proto.graph.initializer if each.name == SCORE_INPUT)
+    value = onnx.helper.make_tensor_value_info(SCORE_INPUT, constant.data_type, constant.dims)
+    proto.graph.input.append(value)
 
 
 def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> Manifest:

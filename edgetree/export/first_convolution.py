@@ -12,8 +12,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
-from edgetree.export.layers import image_names
-
 if TYPE_CHECKING:
     from torch import Tensor, nn
 
@@ -184,7 +182,7 @@ def _subtractions(model: Any) -> list[tuple[Any, float]]:
             source = makers.get(node.input[0])
             if source is not None and source.op_type == "Cast":
                 found.append((node, float(numpy_helper.to_array(values[node.input[1]]))))
-            if len(found) == len(image_names(model)):
+            if len(found) == len(model.graph.input):
                 return found
     raise ValueError(
         "the graph does not subtract a constant from each image: expected one traced for quantising"

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from basetree.arrays import UInt8
-from edgetree.export.layers import frame_reader, image_names, network_nodes
+from edgetree.export.layers import frame_reader, network_nodes
 from edgetree.export.quiet import quiet
 
 # Largest finite float16 of IEEE 754: (2 - 2**-10) * 2**15.
@@ -44,15 +44,10 @@ def to_float16(model: Any, frames: UInt8) -> Any:
         )
     }
     kept = [node.name for node in model.graph.node if node.name not in safe]
-    images = image_names(model)
-    optional = [value for value in model.graph.input if value.name not in images]
-    for value in optional:  # as an input, the converter would round it to float16
-        model.graph.input.remove(value)
     with quiet():
         converted = convert_float_to_float16(
             model, keep_io_types=True, op_block_list=[], node_block_list=kept
         )
-    converted.graph.input.extend(optional)
     return _without_redundant_casts(converted)
 
 

@@ -52,12 +52,6 @@ def last_matmuls(model: Any) -> list[Any]:
     ]
 
 
-def image_names(model: Any) -> list[str]:
-    """Names of the graph's inputs that have no default: the images."""
-    defaults = {constant.name for constant in model.graph.initializer}
-    return [each.name for each in model.graph.input if each.name not in defaults]
-
-
 def frame_reader(model: Any, frames: UInt8) -> Any:
     """A calibration data reader of onnxruntime that gives frames in batches.
 
@@ -68,7 +62,7 @@ def frame_reader(model: Any, frames: UInt8) -> Any:
     """
     from onnxruntime.quantization import CalibrationDataReader
 
-    names = image_names(model)
+    names = [each.name for each in model.graph.input]
     batch = model.graph.input[0].type.tensor_type.shape.dim[0].dim_value
     count = max(len(frames) // batch, 1) * batch
     taken = frames[np.resize(np.arange(len(frames)), count)]

@@ -46,9 +46,8 @@ def decode_boxes(deltas: Tensor, anchors: Tensor, weights: tuple[float, ...]) ->
 
 def clip_boxes(boxes: Tensor, height: int, width: int) -> Tensor:
     """Clip boxes (..., 4) xyxy px to an image of `height` x `width` px."""
-    x = boxes[..., 0::2].clamp(0.0, float(width))
-    y = boxes[..., 1::2].clamp(0.0, float(height))
-    return torch.stack((x[..., 0], y[..., 0], x[..., 1], y[..., 1]), dim=-1)
+    ends = boxes.new_tensor([width, height, width, height])
+    return torch.minimum(boxes.clamp(min=0.0), ends)
 
 
 def enlarge_boxes(boxes: Tensor, scale: float) -> Tensor:

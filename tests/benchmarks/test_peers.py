@@ -4,10 +4,14 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.peers.contestants import NETWORKS, ours, peers
 from benchmarks.peers.environments import DEVELOPMENT, packages
+from benchmarks.peers.prepare import frames_file
 from benchmarks.peers.rounds import merge, ratio, turns
 from benchmarks.peers.table import table_lines
+from edgetree import TreeDetector, default_model
 
 PEERS = Path(__file__).resolve().parents[2] / "benchmarks" / "peers"
 
@@ -85,12 +89,27 @@ def test_the_table_names_what_each_gives_and_what_was_timed() -> None:
 
 
 def test_contestants_have_names_of_their_own_and_prepared_networks(tmp_path: Path) -> None:
-    everyone = [*ours("edge-n-int8", tmp_path / "edge-n.onnx", "int8"), *peers()]
+    manifest = TreeDetector.load(default_model("depth")).manifest
+    everyone = [*ours("edge-n-int8", tmp_path / "edge-n.onnx", manifest), *peers()]
     assert len({each.name for each in everyone}) == len(everyone)
     assert {each.network for each in everyone} - {None} == set(NETWORKS)
     programs = {PEERS / "workers" / each.worker for each in everyone}
     programs |= {PEERS / "exporters" / each.exporter for each in NETWORKS.values()}
     assert [path for path in programs if not path.is_file()] == []
+
+
+def test_a_file_is_timed_on_the_images_that_it_takes_and_for_the_trees_that_are_shown(
+    tmp_path: Path,
+) -> None:
+    for modality, shape in (("rgb", (800, 800, 3)), ("depth", (800, 800))):
+        manifest = TreeDetector.load(default_model(modality)).manifest
+        bare, whole, openvino = ours("n", tmp_path / "n.onnx", manifest)
+        assert bare.options == ("--lowest-score", "0.5")
+        assert whole.options == openvino.options == ()
+        frames = np.load(frames_file(bare.side_px, tmp_path, depth=bare.depth))
+        assert (frames.shape[1:], frames.dtype) == (shape, np.uint8)
+    metres = np.load(frames_file(whole.side_px, tmp_path, depth=whole.depth))
+    assert (metres.ndim, metres.dtype) == (3, np.float32)
 
 
 def test_packages_are_pinned_and_the_copyleft_peer_has_its_own_environment() -> None:

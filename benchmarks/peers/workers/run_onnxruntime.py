@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import onnxruntime
 
 from benchmarks.peers.workers.stopwatch import Run, measure, options, read_inputs, report
@@ -9,7 +10,12 @@ from benchmarks.peers.workers.stopwatch import Run, measure, options, read_input
 
 def main() -> None:
     """Time the file on the frames."""
-    arguments = options().parse_args()
+    parser = options()
+    parser.add_argument("--lowest-score", type=float, help="given to the network, if it takes one")
+    arguments = parser.parse_args()
+    more = {}
+    if arguments.lowest_score is not None:
+        more["score_threshold"] = np.array([arguments.lowest_score], np.float32)
 
     def load() -> Run:
         settings = onnxruntime.SessionOptions()
@@ -20,7 +26,7 @@ def main() -> None:
             arguments.network, settings, providers=["CPUExecutionProvider"]
         )
         name = session.get_inputs()[0].name
-        return lambda image: session.run(None, {name: image})
+        return lambda image: session.run(None, {name: image, **more})
 
     inputs = read_inputs(arguments.frames, arguments.layout)
     record = measure(load, inputs, arguments.seconds)

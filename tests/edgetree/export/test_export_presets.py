@@ -34,7 +34,7 @@ def assert_verified(report: ExportReport, settings: ExportSettings) -> None:
     [pytest.param("rgb", 4, "fp32", marks=pytest.mark.slow), ("depth", 1, "int8")],
 )
 def test_a_light_preset_is_verified_without_training(
-    modality: str, batch: int, precision: str, tmp_path: Path
+    modality: str, batch: int, precision: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     settings = ExportSettings(height=96, width=160, batch=batch, precision=precision)
     out = tmp_path / "model.onnx"
@@ -44,6 +44,7 @@ def test_a_light_preset_is_verified_without_training(
     assert any("trees not compared" in line for line in said) == (precision == "int8")
     assert report.manifest.modality == modality
     assert report.manifest.weight_bits == (7 if precision == "int8" else None)
+    assert "score_threshold" not in capfd.readouterr().err  # a warning of onnxruntime
 
 
 def test_an_untrained_network_has_varied_scores_and_is_reproducible() -> None:

@@ -19,6 +19,7 @@ from edgetree.export.layers import frame_reader
 from edgetree.export.quantise import quantise, weight_bits
 from edgetree.export.rounding import round_weights
 from edgetree.export.settings import OPSET
+from edgetree.model_file.manifest import SCORE_INPUT
 from perceptree.models import TreeRCNN, load_checkpoint
 
 BYTE_MOVERS = {"Concat", "Expand", "Gather", "Pad", "Reshape", "Slice", "Transpose", "Unsqueeze"}
@@ -237,11 +238,10 @@ def half(model: TreeRCNN, frames: NDArray[np.uint8], traced: Callable[..., Any])
 
 
 def test_float16_keeps_the_types_of_inputs_and_outputs(half: Any, model: TreeRCNN) -> None:
-    image, lowest_score = half.graph.input
+    (image,) = half.graph.input
     assert image.type.tensor_type.elem_type == TensorProto.UINT8
-    assert lowest_score.type.tensor_type.elem_type == TensorProto.FLOAT
     constants = {value.name: value.data_type for value in half.graph.initializer}
-    assert constants[lowest_score.name] == TensorProto.FLOAT
+    assert constants[SCORE_INPUT] == TensorProto.FLOAT
     kinds = {value.name: value.type.tensor_type.elem_type for value in half.graph.output}
     assert kinds.pop("num_detections") == TensorProto.INT64
     assert set(kinds.values()) == {TensorProto.FLOAT}
