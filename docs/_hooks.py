@@ -10,7 +10,7 @@ A line `<!-- constants: measure -->` becomes the tables of the measurement's con
 `{{LITTER_STD_M}}` becomes the value of a constant or of a field of `MeasureSettings`, and
 `{{LITTER_STD_M cm}}` the value in another unit (%, cm or mm) with that unit.
 
-In the finished page, options and numbers with their units stay on one line.
+In the finished page, options, names with hyphens, and numbers with their units stay on one line.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ _ROOT = Path(__file__).resolve().parents[1]
 _HELP_COLUMNS = 88
 _UNITS = {"": 1.0, "%": 100.0, "cm": 100.0, "mm": 1000.0}
 _TAG = re.compile(r"(<[^>]*>)")
-_OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
+_HYPHENED = re.compile(r"[\w.-]*-[\w.-]*\w")
+_LONGEST = 26  # characters of a word with hyphens that fits every column
 _NUMBER = re.compile(
     r"(?<=\d) (?=(?:%|°|degrees|px|mm|cm|m|km|ms|s|min|Hz|[kMG]i?B|million)(?![\w/]))|(?<=±) (?=\d)"
 )
@@ -62,17 +63,22 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Keep options and numbers with their units on one line; called by mkdocs for each page."""
+    """Keep options, and numbers with their units, on one line; called by mkdocs for each page."""
     done, code = [], 0
     for part in _TAG.split(html):
         if part.startswith("<"):
             code += part.startswith("<code") - part.startswith("</code")
             done.append(part)
         elif code:
-            done.append(_OPTION.sub(r'<span class="option">\g<0></span>', part))
+            done.append(_HYPHENED.sub(_unbroken, part))
         else:
             done.append(_NUMBER.sub("\N{NO-BREAK SPACE}", part))
     return "".join(done)
+
+
+def _unbroken(found: re.Match[str]) -> str:
+    word = found[0]
+    return f'<span class="whole">{word}</span>' if len(word) <= _LONGEST else word
 
 
 def _command_sections(program: str) -> Iterator[str]:

@@ -110,6 +110,15 @@ def tell(text: object) -> None:
     typer.echo(one_line(str(text)))
 
 
+def tell_words(text: object) -> None:
+    """Print one line on stdout, which a terminal shows in several where it is too narrow.
+
+    It is broken between words; what is there to be copied, such as a command, is never broken.
+    """
+    line = one_line(str(text))
+    typer.echo(line if line.startswith(_TO_COPY) else _broken(line, sys.stdout))
+
+
 class LogNotes(logging.Handler):
     """Prints what is logged as notes: warnings, of a verbose program also from level INFO on."""
 
@@ -169,17 +178,12 @@ def print_json(value: dict[str, Any], *, indent: int | None = None) -> None:
 def print_found(
     as_json: bool, record: Callable[[], dict[str, Any]], lines: Callable[[], Iterable[str]]
 ) -> None:
-    """Print what was found on stdout: as one JSON object, or as lines of text.
-
-    A terminal shows a line in several, broken between words, where it is too narrow. What is there
-    to be copied, commands and paths, is never broken.
-    """
+    """Print what was found on stdout: as one JSON object, or as lines of text (`tell_words`)."""
     if as_json:
         print_json(record())
         return
     for line in lines():
-        text = one_line(str(line))
-        typer.echo(text if text.startswith(_TO_COPY) else _broken(text, sys.stdout))
+        tell_words(line)
 
 
 class StatusLine:

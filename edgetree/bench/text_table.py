@@ -54,7 +54,8 @@ def text_lines(result: Record) -> Iterator[str]:
 def _table(rows: Sequence[Record]) -> Iterator[str]:
     """The rows with a head; without the column of batches if every batch is one frame."""
     several = any(row["batch"] > 1 for row in rows)
-    lines = [("model", *_COLUMNS), *((_name(row), *_cells(row)) for row in rows)]
+    lines: list[tuple[str, ...]] = [("model", *_COLUMNS)]
+    lines += [(_name(row), *_cells(row)) for row in rows]
     columns = [
         [f"{text:<{width}}" if index == 0 else f"{text:>{width}}" for text in texts]
         for index, texts in enumerate(zip(*lines, strict=True))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import note, print_json, tell
+from basetree.program.console import note, print_json, tell_words
 from basetree.program.options import expand_groups
 from basetree.program.progress import Progress, progress
 from edgetree.commands.option_groups import SessionOptions
@@ -62,6 +62,6 @@ def evaluate(
         print_json(report.figures)
         return
     for line in summary_of(report):
-        tell(line)
+        tell_words(line)
     hint = "next: add --out FOLDER for plots and pictures"
     note(hint if page is None else f"open: {page}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.errors import InputError
-from basetree.program.console import complain, note, print_json, tell
+from basetree.program.console import complain, note, print_json, tell, tell_words
 from basetree.program.options import expand_groups
 from basetree.program.progress import steps_shown
 from edgetree.commands.options import Json, quoted
@@ -62,7 +62,7 @@ def _tell(report: ExportReport, as_json: bool) -> None:
         print_json(record(report))
         return
     for line in report.parity.table().splitlines():
-        tell(line)
+        tell_words(line)
     tell(f"{report.path} ({report.file_bytes / 1e6:.1f} MB, {report.manifest.precision})")
     note(f"next: edgetree bench {quoted(report.path)}", whole=True)
 

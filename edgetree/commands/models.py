@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from basetree.program.console import complain, note, print_json, tell
+from basetree.program.console import complain, note, print_json, tell, tell_words
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -37,11 +37,11 @@ def models(*, as_json: Json = False) -> None:
         tell("  ".join(cells).rstrip())
     for record in listed:
         if record["card"] is not None:
-            tell(f"{record['name']}: {record['card']['for']}")
+            tell_words(f"{record['name']}: {record['card']['for']}")
     for modality, name in DEFAULTS.items():
-        tell(f"{modality}: {name}, the default for {_IMAGES[modality]}")
-    tell("boxes, masks, keypoints: average precision in percent on the frozen test frames")
-    tell("ms: median time of a detection on the machine of the card")
+        tell_words(f"{modality}: {name}, the default for {_IMAGES[modality]}")
+    tell_words("boxes, masks, keypoints: average precision in percent on the frozen test frames")
+    tell_words("ms: median time of a detection on the machine of the card")
     note(f"further models: name their folders in {FOLDERS_VARIABLE}")
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import note, print_json, tell
+from basetree.program.console import note, print_json, tell, tell_words
 from basetree.program.progress import steps_shown
 from edgetree.commands.export import check_inputs, record, showing_differences
 from edgetree.commands.options import Json, quoted
@@ -36,6 +36,6 @@ def verify(
         print_json(record(report))
         return
     for line in report.parity.table().splitlines():
-        tell(line)
+        tell_words(line)
     tell(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
     note(f"next: edgetree bench {quoted(file)}", whole=True)

@@ -11,7 +11,7 @@ import typer
 from basetree.counts import counted
 from basetree.errors import SettingsError
 from basetree.program.command_line import show_help
-from basetree.program.console import note, print_found, print_json, tell
+from basetree.program.console import note, print_found, print_json, tell, tell_words
 from basetree.program.help import new_app
 from basetree.program.progress import progress
 from perceptree.commands.data_exchange import convert, merge, split
@@ -150,7 +150,7 @@ def compare(
         print_json({"schema": "perceptree.data-compare/1", **values})
         return
     for difference in comparison.differences[:5]:
-        tell(
+        tell_words(
             f"{difference.measure.title}: separation {difference.separation:.2f},"
             f" simulated {difference.shift:+.1f} standard deviations from real"
         )

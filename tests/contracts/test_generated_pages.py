@@ -57,9 +57,12 @@ def test_the_page_of_schemas_lists_each_with_its_keys(generated):
 
 
 def test_options_and_numbers_with_units_stay_on_one_line(hooks):
-    html = '<p id="a-b">12 cm of 5 methods, <code>x-y --out-dir a</code>, ± 3 %</p><pre>4 cm</pre>'
+    html = (
+        '<p id="a-b">12 cm of 5 methods, <code>edge-n --out-dir a</code>, ± 3 %</p><pre>4 cm</pre>'
+    )
     assert hooks.on_page_content(html) == (
         '<p id="a-b">12\u00a0cm of 5 methods, '
-        '<code>x-y <span class="option">--out-dir</span> a</code>, ±\u00a03\u00a0%</p>'
+        '<code><span class="whole">edge-n</span> <span class="whole">--out-dir</span> a</code>, '
+        "±\u00a03\u00a0%</p>"
         "<pre>4\u00a0cm</pre>"
     )
