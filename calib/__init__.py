@@ -25,15 +25,8 @@ from calib.depth import (
     read_depth,
     write_depth,
 )
-from calib.depth_scale import (
-    DepthScale,
-    DepthScaleFailure,
-    TargetReadings,
-    fit_depth_scale,
-    load_depth_scale,
-    read_target,
-    save_depth_scale,
-)
+from calib.depth_scale import DepthScale, load_depth_scale, save_depth_scale
+from calib.depth_scale_fit import DepthScaleFailure, TargetReadings, fit_depth_scale, read_target
 from calib.directions import CAMERA_UP
 from calib.errors import CameraError, CloudError, DepthError
 from calib.files import load_camera, load_transform, save_camera, save_transform

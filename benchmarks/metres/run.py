@@ -23,6 +23,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1050))
     parser.add_argument("--result", type=Path)
     options = parser.parse_args()
+    if unknown := sorted(set(options.rows) - set(ROWS)):
+        names = ", ".join(sorted(ROWS))
+        parser.error(f"no row is called {', '.join(unknown)}: expected some of {names}")
     report = {}
     for row in options.rows or sorted(ROWS):
         scores = score(

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         Parameter,
         Picture,
     )
-    from calib.depth_scale import DepthScale, DepthScaleFailure
+    from calib.depth_scale import DepthScale
+    from calib.depth_scale_fit import DepthScaleFailure
     from edgetree.commands.frame_results import LeftOut
     from edgetree.sources.source import FrameSource
 

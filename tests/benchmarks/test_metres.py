@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.metres import run
 from benchmarks.metres.rows import ROWS
 from benchmarks.metres.rows.clean import stand, stem
 from benchmarks.metres.scores import lines, score
@@ -18,6 +19,15 @@ def test_a_row_yields_measurements_with_their_true_values(row):
         assert isinstance(tree, TreeMeasurement)
         assert 0.02 < truth["diameter_m"] < 1.0
         assert truth["distance_m"] >= truth["axis_distance_m"] > 1.0
+
+
+def test_an_unknown_row_is_named_beside_those_that_there_are(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["run", "forks"])
+    with pytest.raises(SystemExit):
+        run.main()
+    error = capsys.readouterr().err
+    assert "no row is called forks" in error
+    assert "fork-alone" in error
 
 
 def test_depth_on_a_stem_lies_on_its_surface():
