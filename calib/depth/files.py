@@ -25,6 +25,7 @@ _MAX_MM = 65535
 _METRE_BYTES = 4  # a float32
 _ZIP = b"PK\x03\x04"  # how .npz begins
 _NPY = b"\x93NUMPY"
+_JPEG, _EXR = b"\xff\xd8\xff", b"\x76\x2f\x31\x01"
 _MOST_AXES = 32  # of numpy
 _NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -80,7 +81,18 @@ def read_values(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: cannot be read ({error.strerror}), {expected}") from error
     if data.startswith(_ZIP):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
+    if data.startswith(_EXR):
+        raise InputFileError(
+            f"{path}: OpenEXR, expected a depth map as PNG, TIFF or .npy: with"
+            " OPENCV_IO_ENABLE_OPENEXR=1 set, `np.save('depth.npy', cv2.imread('depth.exr', -1))`"
+            " converts it"
+        )
     image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
+    if image is not None and image.ndim == 2 and data.startswith(_JPEG):
+        raise InputFileError(
+            f"{path}: JPEG, whose compression changes depths and draws others beside edges:"
+            " expected a depth map as PNG, TIFF or .npy, saved from the camera without JPEG"
+        )
     if image is None and path.suffix.lower() == ".npy":
         raise _not_an_array(path)
     if image is None:
