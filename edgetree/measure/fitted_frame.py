@@ -56,8 +56,7 @@ class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to.
 
     `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells
-    whether anything that may be ground is seen at any of them: else a part of a stem may be far
-    above its butt.
+    whether ground may be seen at any of them: else a part may be far above the butt.
     """
 
     frame: DepthFrame
@@ -310,8 +309,8 @@ class FittedFrame:
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
         diameter = self.butt_swell.at_cut(index, at_section)
         warnings = self.butt_swell.warnings[index]
-        unseen = self.observed.above_foot[index] or not self.ground_seen
-        if self.butt_swell.inferred[index] and unseen:
+        is_part = self.observed.above_foot[index] or not self.ground_seen
+        if self.butt_swell.inferred[index] and is_part:
             diameter, warnings = taper.seen_part(at_section), (SEEN_PART_WARNING,)
         if self.feet is not None:
             warnings += self.feet.warning(index)
