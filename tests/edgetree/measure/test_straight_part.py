@@ -41,8 +41,9 @@ def network(frame, mask: np.ndarray, *, lowest_px: float | None = None) -> TreeD
     keypoints[:, [0, 1, 2], 1] = 150.0
     keypoints[:, 1, 0], keypoints[:, 2, 0] = 60.0, 110.0
     boxes = trees.boxes_px.copy()
-    if lowest_px is not None:
+    if lowest_px is not None:  # then such keypoints count, wherever they are
         boxes[:, 3] = lowest_px
+        keypoints[:, 1, 0], keypoints[:, 2, 0] = 20.0, 118.0
     return replace(trees, keypoints_px=keypoints, boxes_px=boxes, by_network=True)
 
 

@@ -133,7 +133,9 @@ def test_what_the_source_knows_of_its_depth_comes_back(record, recordings, read,
     noise = DepthNoise(noise_per_m=0.004, noise_m=0.01, correlation_px=8.0)
     recorder = record(waits=True)
     for number, known in enumerate((noise, None)):
-        recorder.write(result(number, depth_m=MILLIMETRES, camera=CAMERA, depth_noise=known))
+        one = result(number, depth_m=MILLIMETRES, camera=CAMERA)
+        frame = dataclasses.replace(one.frame, depth_noise=known)
+        recorder.write(dataclasses.replace(one, frame=frame))
     recorder.mark()
     recorder.close()
     assert [frame.depth_noise for frame in read(recordings()[0])] == [noise, None]
