@@ -83,9 +83,8 @@ def read_values(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
     if data.startswith(_EXR):
         raise InputFileError(
-            f"{path}: OpenEXR, expected a depth map as PNG, TIFF or .npy: with"
-            " OPENCV_IO_ENABLE_OPENEXR=1 set, `np.save('depth.npy', cv2.imread('depth.exr', -1))`"
-            " converts it"
+            f"{path}: OpenEXR, expected a depth map as PNG, TIFF or .npy: OpenCV reads it with"
+            " OPENCV_IO_ENABLE_OPENEXR=1 set, and numpy.save writes .npy (docs/guides/phones.md)"
         )
     image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
     if image is not None and image.ndim == 2 and data.startswith(_JPEG):
