@@ -113,7 +113,7 @@ class Keypoints:
             reaches_lower_side=reaches_lower_side,
             section_above_px=_section_above_px(values, std_px, trees.image_height),
             offered=trees.keypoints_px is not None,
-            unseen=unseen,
+            unseen=np.asarray(unseen),
         )
 
     def without_foot(self, stems: Bool) -> Keypoints:

@@ -108,7 +108,7 @@ def _layer(grid: MaskCells, inside: Bool, focal_px: float) -> Float:
     joined &= column - before <= 1 + _MAX_GAP * width
     start = np.maximum.accumulate(np.where(read & ~joined, column, 0), axis=1)
     on_mask = np.pad(np.cumsum(inside & read, axis=1), ((0, 0), (1, 0)))
-    held = on_mask[:, 1:] - np.take_along_axis(on_mask, start, 1)
+    held: Index = on_mask[:, 1:] - np.take_along_axis(on_mask, start, 1)
     return _ends(start, np.where(read, held, 0), grid)
 
 
