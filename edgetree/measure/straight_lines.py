@@ -53,7 +53,7 @@ def straight_part(edges_px: Float, grid: MaskCells) -> StraightPart | None:
     half_px = float(np.quantile(np.diff(edges_px[known], axis=1), NARROW)) / 2
     tolerance_px = max(EDGE_TOLERANCE * half_px, MIN_EDGE_TOLERANCE_PX, grid.column_px)
     lines = _lines_through_runs(edges_px, known, grid)
-    shown = np.isfinite(edges_px).all(1)
+    shown = np.asarray(np.isfinite(edges_px).all(1))
     if not len(lines):
         return None
     for _ in range(_REFITS):

@@ -72,7 +72,8 @@ def _is_near(mask: MaskGrid, focal_px: float) -> bool:
     if not cells.any():
         return False
     cell_px = float(mask.box_px[2] - mask.box_px[0]) / mask.grid.shape[1]
-    return float(np.quantile(cells[cells > 0], NARROW)) * cell_px > NEAR_RAD * focal_px
+    width_px = float(np.quantile(cells[cells > 0], NARROW)) * cell_px
+    return bool(width_px > NEAR_RAD * focal_px)
 
 
 def _straight(edges: MaskLayers, mask: MaskGrid) -> tuple[MaskGrid, bool] | None:
