@@ -27,6 +27,7 @@ _MAX_MM = 65535
 _METRE_BYTES = 4  # a float32
 _ZIP = b"PK\x03\x04"  # how .npz begins
 _NPY = b"\x93NUMPY"
+_JPEG, _EXR = b"\xff\xd8\xff", b"\x76\x2f\x31\x01"
 _MOST_AXES = 32  # of numpy
 _NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -85,7 +86,17 @@ def read_values(path: Path) -> NDArray[Any]:
     header = checked_header(data, str(path))
     if header is not None and header.format_name == heif.FORMAT_NAME:
         return _read_heif(path, data, header)
+    if data.startswith(_EXR):
+        raise InputFileError(
+            f"{path}: OpenEXR, expected a depth map as PNG, TIFF or .npy: OpenCV reads it with"
+            " OPENCV_IO_ENABLE_OPENEXR=1 set, and numpy.save writes .npy (docs/guides/phones.md)"
+        )
     image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
+    if image is not None and image.ndim == 2 and data.startswith(_JPEG):
+        raise InputFileError(
+            f"{path}: JPEG, whose compression changes depths and draws others beside edges:"
+            " expected a depth map as PNG, TIFF or .npy, saved from the camera without JPEG"
+        )
     if image is None and path.suffix.lower() == ".npy":
         raise _not_an_array(path)
     if image is None:

@@ -13,8 +13,9 @@ from basetree.counts import counted
 from basetree.errors import CheckFailed, InputError, short_line
 from basetree.program.console import LogNotes, complain, note
 from basetree.program.progress import track
-from calib.depth.range_check import RangeExponent, kind_words, range_exponent
+from calib.depth.range_check import RangeExponent, kind_words
 from edgetree.detections import UnlikeTraining
+from edgetree.frames.depth_kind import ground_exponents
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
 from edgetree.frames.rig import Rig
@@ -129,7 +130,7 @@ class Totals:
             self.alone.append(f"{result.frame.name} {result.trees.alone}")
         if self.checked_kinds < _FRAMES_CHECKED and result.measurements is not None:
             self.checked_kinds += 1
-            self.exponents += ground_exponents(result, self.rig)
+            self.exponents += ground_exponents(result.frame, result.camera, self.rig)
 
     def lines(self) -> Iterator[str]:
         """The summary."""
@@ -176,19 +177,13 @@ def different_words(count: Estimate) -> str:
     return f"about {count.value:.0f} ± {max(count.std, 1):.0f} different trees"
 
 
-def ground_exponents(result: FrameResult, rig: Rig) -> list[RangeExponent]:
-    """What the ground of a frame tells of the kind of its depth; empty if it tells nothing."""
-    frame, camera = result.frame, result.camera
-    if frame.depth_m is None or camera is None or frame.depth_fault is not None:
-        return []
-    up_camera = rig.up_camera if frame.up_camera is None else frame.up_camera
-    found = range_exponent(frame.depth_m, camera, up_camera, rig.depth_kind)
-    return [found] if isinstance(found, RangeExponent) else []
-
-
 def kind_of_depth_words(results: Iterable[FrameResult], rig: Rig) -> str | None:
     """Say that the depth of frames looks like the other kind; None if it does not."""
-    found = [exponent for result in results for exponent in ground_exponents(result, rig)]
+    found = [
+        exponent
+        for result in results
+        for exponent in ground_exponents(result.frame, result.camera, rig)
+    ]
     return kind_words(found, rig.depth_kind)
 
 

@@ -60,6 +60,8 @@ class Frame:
         filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
             in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
         exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
+        rotation_deg: Degrees by which the picture must be turned clockwise to be upright, as a
+            recording says it; None if the vertical tells.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Frame:
     depth_noise: DepthNoise | None = None
     filled_depth_m: NDArray[np.float32] | None = None
     exif_focal_px: float | None = None
+    rotation_deg: int | None = None
 
     def __post_init__(self) -> None:
         if self.time_s is not None and not abs(self.time_s) <= _LARGEST_TIME_S:

@@ -314,7 +314,7 @@ def with_noise(
 def _turning(frame: Frame, rig: Rig) -> str | None:
     """A note if the frame was turned although the user did not say so."""
     turn = rig.turn(frame)
-    if rig.rotation_deg is not None or not turn:
+    if rig.rotation_of(frame) is not None or not turn:
         return None
     return (
         f"the vertical says that the camera lies on its side: pictures are turned by {turn} for"

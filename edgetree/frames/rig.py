@@ -108,7 +108,11 @@ class Rig:
         up_camera = self.up_camera if frame.up_camera is None else frame.up_camera
         if up_camera is None and self.mounting is not None:
             up_camera = self.mounting.rotation[2]  # of a machine that stands level
-        return turn_of(self.rotation_deg, up_camera)
+        return turn_of(self.rotation_of(frame), up_camera)
+
+    def rotation_of(self, frame: Frame) -> int | None:
+        """The given rotation, or that of the frame, in degrees; None if the vertical tells."""
+        return frame.rotation_deg if self.rotation_deg is None else self.rotation_deg
 
     @property
     def depth_convention(self) -> calib.DepthConvention:
@@ -173,7 +177,7 @@ class Rig:
         _tell_assumed(*stated.assumed(camera, has_vertical or has_mounting, has_mounting))
 
     def completed(self, frame: Frame, width: int, height: int) -> Frame:
-        """The frame with this camera and vertical, where its source does not know them.
+        """The frame with this camera, vertical and rotation, where its source does not know them.
 
         Args:
             frame: The frame.
@@ -189,7 +193,8 @@ class Rig:
         camera = frame.camera or self.camera_for(width, height)
         if frame.camera is None and frame.depth_m is not None:
             self.tell_lens()
-        return replace(frame, camera=camera, up_camera=up_camera)
+        rotation_deg = self.rotation_of(frame)
+        return replace(frame, camera=camera, up_camera=up_camera, rotation_deg=rotation_deg)
 
     def read_depth(
         self, path: Path, image: Path | None = None, size_px: tuple[int, int] | None = None

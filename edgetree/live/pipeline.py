@@ -14,6 +14,7 @@ from basetree.errors import InputError
 from basetree.program.interrupts import interrupt_afterwards
 from calib import DepthFailure, check_depth
 from edgetree.errors import ModelFileError
+from edgetree.frames.depth_kind import StreamDepthKind
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import (
     FoundTrees,
@@ -101,6 +102,7 @@ class LivePipeline:
             references=self._rig.references,
         )
         self._turning: str | None = None
+        self._depth_kind = StreamDepthKind(self._rig)
         self._settings = settings
         self._views = StemViews()
         self._tracker = tracker or StemTracker()
@@ -255,6 +257,8 @@ class LivePipeline:
         if measured.turning is not None and self._turning is None:
             self._turning = measured.turning
             _log.warning("%s", measured.turning)
+        if measured.measurements is not None and (words := self._depth_kind.words(frame)):
+            _log.warning("%s", words)
         middle_s = time.perf_counter()
         if measured.measurements is not None:
             self.in_picture = None

@@ -20,6 +20,7 @@ from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, UnseenGround, find_grounds
 from edgetree.measure.ground_cover import noise_factor
+from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.rig_uncertainty import RigUncertainty
@@ -27,6 +28,7 @@ from edgetree.measure.second_stem import without_second_stems
 from edgetree.measure.section import StemAxes, fit_axes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import fit_stems
+from edgetree.measure.straight_part import with_straight_parts
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.views import View, stem_views
 
@@ -180,29 +182,32 @@ def _measure_all(
 def _fitted(view: View, up: Float | None) -> FittedFrame:
     """Observe and fit the stems of a view; `up` (3,) is in the camera's axes."""
     settings = view.frame.settings
-    frame, observed = _observe(view)
+    frame, keypoints, observed = _observe(view)
     axes, roll_std_rad, lean_std_rad = axes_in_image(frame, observed, up)
     stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
     return FittedFrame(
         frame=frame,
-        keypoints=view.keypoints,
+        keypoints=keypoints,
         observed=observed,
         stems=stems,
         roll_std_rad=roll_std_rad,
     )
 
 
-def _observe(view: View) -> tuple[DepthFrame, StemObservations]:
-    """Observe the stems of a view, without second ones in the same masks."""
+def _observe(view: View) -> tuple[DepthFrame, Keypoints, StemObservations]:
+    """Observe the stems of a view by their own part of the masks."""
     frame, keypoints = view.frame, view.keypoints
-    observed = observe_stems(frame, view.boxes_px, keypoints)
-    if observed.outline is None:
-        return frame, observed
+    wanted = ~keypoints.has_section | keypoints.unseen
+    frame, boxes_px, straight = with_straight_parts(frame, view.boxes_px, wanted)
+    keypoints = keypoints.without_foot(straight.above_foot)
     wanted = ~keypoints.has_section
-    frame, boxes_px, second = without_second_stems(frame, view.boxes_px, observed.outline, wanted)
+    observed = observe_stems(frame, boxes_px, keypoints)
+    if observed.outline is None:
+        return frame, keypoints, observed
+    frame, boxes_px, second = without_second_stems(frame, boxes_px, observed.outline, wanted)
     if second.cut.any():
         observed = observe_stems(frame, boxes_px, keypoints)
-    return frame, replace(observed, second=second)
+    return frame, keypoints, replace(observed, straight=straight, second=second)
 
 
 def axes_in_image(

@@ -57,6 +57,7 @@ def gather_evidence(
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
         warnings=warnings
         + _disagreement(diameters, stds)
+        + _straight_part(observed, index)
         + _second_stem(observed, index)
         + _depth_warnings(observed, index),
         distance_at=place,
@@ -117,6 +118,16 @@ def _second_stem(observed: StemObservations, index: int) -> tuple[str, ...]:
     return (
         "the mask shows more than one stem: the nearer one, or that below a fork, is measured by"
         " its own edges",
+    )
+
+
+def _straight_part(observed: StemObservations, index: int) -> tuple[str, ...]:
+    """A warning if only a part of the mask is measured."""
+    if observed.straight is None or not observed.straight.cut[index]:
+        return ()
+    return (
+        "the mask shows more than the stem, as ground, plants or roots: the part in which both"
+        " edges are straight is measured",
     )
 
 

@@ -56,8 +56,7 @@ class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to.
 
     `feet` tells whose depth their feet contradict; None where none does. `ground_seen` tells
-    whether anything that may be ground is seen at any of them: else a part of a stem may be far
-    above its butt.
+    whether ground may be seen at any of them: else a part may be far above the butt.
     """
 
     frame: DepthFrame
@@ -171,7 +170,7 @@ class FittedFrame:
 
     def bases(self, cuts: Float) -> StemBases:
         """The lower ends of all stems; `cuts` are the (T, 3) axis points at the felling cuts."""
-        sections, keypoints = self.stems.sections, self.keypoints
+        sections = self.stems.sections
         along = self.widths.lowest_m()[:, None] * sections.axes.along
         front = self.stems.radius_m[:, None] * sections.view_direction
         return StemBases(
@@ -180,7 +179,7 @@ class FittedFrame:
             along=sections.axes.along,
             lowest=self.stems.distance_m[:, None] * sections.centre + along,
             radii_m=self.stems.radius_m,
-            foot_within=keypoints.within[:, CUT] | ~keypoints.reaches_lower_side,
+            foot_within=self.observed.foot_within(self.keypoints),
             feet=self.lowest_axis_m - front,
             feet_std_m=self.stems.distance_m * self.lowest_std_rad,
             feet_px=self.lowest_px,
@@ -310,7 +309,8 @@ class FittedFrame:
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
         diameter = self.butt_swell.at_cut(index, at_section)
         warnings = self.butt_swell.warnings[index]
-        if self.butt_swell.inferred[index] and not self.ground_seen:
+        is_part = self.observed.above_foot[index] or not self.ground_seen
+        if self.butt_swell.inferred[index] and is_part:
             diameter, warnings = taper.seen_part(at_section), (SEEN_PART_WARNING,)
         if self.feet is not None:
             warnings += self.feet.warning(index)

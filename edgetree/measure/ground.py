@@ -31,6 +31,7 @@ from edgetree.measure.constants.ground import (
     SEARCH_RADIUS_M,
     UNEVEN_STD_M,
 )
+from edgetree.measure.constants.outlines import NEAR_RAD
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
@@ -48,6 +49,10 @@ _FEW_POINTS = 12
 # lengths along a lying stem finite.
 _MIN_COSINE = 0.2
 _NO_COVER = Estimate(0.0, 0.0)
+_NO_WIDER = (
+    "no ground around the base: the foot of the stem is not in the image, and what is seen beside"
+    " the stem is no wider than the stem, as its own bark or roots"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,9 +272,12 @@ def find_grounds(
         samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         few = samples.usable.sum(1) < _FEW_POINTS
-        for index, found, unseen in zip(missing, planes, few, strict=True):
+        own = ~bases.foot_within[missing] & _may_be_own(samples, radius_m, cuts, up)
+        for index, found, unseen, narrow in zip(missing, planes, few, own, strict=True):
             if isinstance(found, Failure):
-                grounds[index] = UnseenGround(found.reason) if unseen else found
+                grounds[index] = UnseenGround(found.reason) if unseen or narrow else found
+            elif narrow:
+                grounds[index] = UnseenGround(_NO_WIDER)
             else:
                 vertical = verticals.at(int(bases.indices[index]), found[0].normal)
                 ground = BaseGround(found[0], vertical, found[1], stated)
@@ -278,6 +286,20 @@ def find_grounds(
         if not len(missing):
             break
     return grounds
+
+
+def _may_be_own(samples: GroundSamples, radii_m: Float, cuts: Float, up: Float) -> Bool:
+    """(T,) whether all that is seen beside near stems is no wider than they are.
+
+    A plane through it may be one through their own bark and roots.
+    """
+    level = samples.points - (samples.points @ up)[..., None] * up
+    usable = samples.usable[..., None]
+    count = np.maximum(usable.sum(1, keepdims=True), 1)
+    off_m = np.where(usable, level - np.where(usable, level, 0.0).sum(1, keepdims=True) / count, 0)
+    squares = np.linalg.eigvalsh(off_m.swapaxes(1, 2) @ off_m / count)[:, -1]
+    near = 2 * radii_m > NEAR_RAD * np.linalg.norm(cuts, axis=1)
+    return np.asarray(near & (squares < (OWN_RADII * radii_m) ** 2))
 
 
 def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround | Failure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,7 @@ class Keypoints:
         section_above_px: (T,) height of the section's keypoints above the lower side of the image;
             infinite where their errors are too small for them to be below it.
         offered: Whether the model predicts keypoints.
+        unseen: (T,) whether a network sees none of the section's edges.
     """
 
     xy_px: Float
@@ -57,6 +58,7 @@ class Keypoints:
     reaches_lower_side: Bool
     section_above_px: Float
     offered: bool
+    unseen: Bool
 
     @classmethod
     def from_detections(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
@@ -99,8 +101,8 @@ class Keypoints:
             lower_side_px = max(lower_side_px, MIN_LOWER_SIDE_PX)
         reaches_lower_side = trees.boxes_px[:, 3] > trees.image_height - lower_side_px
         # Where the lower side cuts a stem off, a network's unseen edge keypoints are anywhere.
-        seen = (values[:, [LEFT, RIGHT], 2] >= UNSEEN_SCORE).any(1)
-        within[:, [LEFT, RIGHT]] &= (seen | ~reaches_lower_side | (not trees.by_network))[:, None]
+        unseen = (values[:, [LEFT, RIGHT], 2] < UNSEEN_SCORE).all(1) & trees.by_network
+        within[:, [LEFT, RIGHT]] &= ~(unseen & reaches_lower_side)[:, None]
         return cls(
             xy_px=values[..., :2],
             given=given,
@@ -111,7 +113,14 @@ class Keypoints:
             reaches_lower_side=reaches_lower_side,
             section_above_px=_section_above_px(values, std_px, trees.image_height),
             offered=trees.keypoints_px is not None,
+            unseen=np.asarray(unseen),
         )
+
+    def without_foot(self, stems: Bool) -> Keypoints:
+        """The same without sections and cuts of some of the stems, chosen by flags (T,)."""
+        within = self.within.copy()
+        within[:, [CUT, LEFT, RIGHT]] &= ~stems[:, None]
+        return replace(self, within=within)
 
     @cached_property
     def has_section(self) -> Bool:

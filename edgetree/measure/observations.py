@@ -15,13 +15,14 @@ from edgetree.measure.constants.outlines import SECTION_QUANTILE, STATIONS_PER_E
 from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import fit_lines, masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
-from edgetree.measure.keypoints import LEFT, MIDDLE, RIGHT, TOP, Keypoints
+from edgetree.measure.keypoints import CUT, LEFT, MIDDLE, RIGHT, TOP, Keypoints
 from edgetree.measure.layers import own_readings
 from edgetree.measure.outline import Outline, trace_outline
 from edgetree.measure.regions import OUTWARDS, STATIONS, SearchRegions
 from edgetree.measure.search_regions import find_regions
 from edgetree.measure.second_stem import SecondStems
 from edgetree.measure.stem_fit import Readings
+from edgetree.measure.straight_part import StraightParts
 from edgetree.measure.width import StemEdges
 
 # Depth is sampled at this many points across the stem.
@@ -47,6 +48,7 @@ class StemObservations:
             things in front.
         plausible_depth: (T,) whether these readings can be the stem's, see `OwnReadings`.
         doubtful_depth: (T,) whether they may be of something in front.
+        straight: Which masks are cut to the straight part of their stem, if that was looked at.
         second: Which masks hold a second stem, if that is known.
     """
 
@@ -59,7 +61,20 @@ class StemObservations:
     valid_depth_fraction: Float
     plausible_depth: Bool
     doubtful_depth: Bool
+    straight: StraightParts | None = None
     second: SecondStems | None = None
+
+    @property
+    def above_foot(self) -> Bool:
+        """(T,) whether what is left of a mask ends above the foot of its stem."""
+        if self.straight is None:
+            return np.zeros(len(self.plausible_depth), np.bool_)
+        return self.straight.above_foot
+
+    def foot_within(self, keypoints: Keypoints) -> Bool:
+        """(T,) whether the foot is in the image and on the mask, as far as one can tell."""
+        cut_off = keypoints.reaches_lower_side | self.above_foot
+        return np.asarray(keypoints.within[:, CUT] | ~cut_off)
 
     def enough_used(self, used: Index) -> Bool:
         """(T,) whether `used` (T,) readings are enough of the places on the stems."""

@@ -14,8 +14,6 @@ from edgetree.measure.keypoints import LEFT, MIDDLE, MIN_WIDTH_PX, RIGHT, TOP, K
 from edgetree.measure.mask_edges import COARSE_STEP, coarse_edges, realigned
 from edgetree.measure.regions import MIN_HALF_PX, STATIONS, SearchRegions, line_spans
 
-# Aspect ratio of a mask below which the direction from its moments is not trusted alone.
-_MIN_ASPECT = 2.2
 # Realignments of a region from each start.
 _REALIGNMENTS = 2
 # If a smaller share of the edges of a short mask lies on straight lines, only its rows with smooth
@@ -25,6 +23,9 @@ _MIN_AGREEING = 0.5
 # their width, or this many cells. So many rows, and so many per width, make a stem.
 _MAX_JUMP, _MAX_JUMP_CELLS = 0.05, 2.0
 _MIN_ROWS, _MIN_ROWS_PER_WIDTH = 8, 0.3
+
+MIN_ASPECT = 2.2
+"""Aspect ratio of a mask below which the direction from its moments is not trusted alone."""
 
 
 def find_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> SearchRegions:
@@ -144,7 +145,7 @@ def _moments(mask: MaskGrid) -> tuple[Float, Float, Float, np.bool_]:
     variances, axes = np.linalg.eigh(covariance)
     along = axes[:, 1] * (-1.0 if axes[1, 1] > 0 else 1.0)
     half = total * cell[0] * cell[1] / np.sqrt(12 * max(variances[1], 1e-9)) / 2
-    short = np.bool_(variances[1] < _MIN_ASPECT**2 * variances[0])
+    short = np.bool_(variances[1] < MIN_ASPECT**2 * variances[0])
     return np.array([mean_x, mean_y]), along, np.asarray(max(half, MIN_HALF_PX)), short
 
 

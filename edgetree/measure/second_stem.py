@@ -105,7 +105,7 @@ def without_second_stems(
         if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
             second.cut[index] = True
             masks[index] = _cut(masks[index], stem, regions)
-            boxes_px[index] = _box(masks[index], boxes_px[index])
+            boxes_px[index] = mask_box(masks[index], boxes_px[index])
         else:
             second.unclear[index] = parted[index]
     return replace(frame, masks=masks), boxes_px, second
@@ -260,7 +260,7 @@ def _cut(mask: MaskGrid, stem: _Stem, regions: SearchRegions) -> MaskGrid:
     )
 
 
-def _box(mask: MaskGrid, box_px: Float) -> Float:
+def mask_box(mask: MaskGrid, box_px: Float) -> Float:
     """(4,) box around what is left of a mask."""
     inside = mask.grid >= MASK_THRESHOLD
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))

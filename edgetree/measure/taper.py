@@ -46,6 +46,8 @@ class Taper(NamedTuple):
     def seen_part(self, section: Estimate) -> Estimate:
         """The diameter at breast height, or in the middle of the part that is seen.
 
+        Without a height, it has the spread of the diameters along that part, too.
+
         Args:
             section: The diameter at the lowest part, whose relative error is the least.
         """
@@ -54,8 +56,10 @@ class Taper(NamedTuple):
             if not isinstance(self.profile, StemProfile):
                 return section
             middle = len(self.profile.height_m) // 2
-            values = (self.profile.diameter_m, self.profile.diameter_std_m)
-            seen = Estimate(*(float(each[middle]) for each in values))
+            along_m = self.profile.diameter_m
+            std_m = math.hypot(float(self.profile.diameter_std_m[middle]), float(along_m.std()))
+            section = Estimate(section.value, math.hypot(section.std, float(along_m.std())))
+            seen = Estimate(float(along_m[middle]), std_m)
         return Estimate(seen.value, max(seen.std, section.std / section.value * seen.value))
 
 

@@ -105,13 +105,24 @@ class ModelSignature(TypedDict):
     valid_until: str | None
 
 
+class DepthErrors(TypedDict):
+    """What a source knows of the errors of its depth, see `edgetree.frames.DepthNoise`."""
+
+    noise_per_m: float | None
+    noise_m: float | None
+    bias_per_m: float | None
+    correlation_px: float | None
+
+
 class RecordingFrame(TypedDict):
-    """Camera and vertical of a frame of a recording, to the last digit."""
+    """Camera, vertical and noise of a frame of a recording, to the last digit."""
 
     schema: Literal["edgetree.recording.frame/1"]
     stamp_ns: int
     camera: Camera | None
     up_camera: Triple | None
+    depth_noise: NotRequired[DepthErrors | None]
+    rotation_deg: NotRequired[Literal[0, 90, 180, 270] | None]
 
 
 class RecordedModel(TypedDict):

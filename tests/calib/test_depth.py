@@ -198,3 +198,17 @@ def test_an_array_of_arrays_is_no_depth(tmp_path: Path) -> None:
     path.write_bytes(start + header + b"\n" + bytes(16))
     with pytest.raises(InputFileError, match=r"not a readable \.npy file"):
         read_depth(path)
+
+
+def test_depth_that_jpeg_changed_is_refused_whatever_its_scale(tmp_path: Path) -> None:
+    path = tmp_path / "depth.jpg"
+    cv2.imwrite(str(path), np.full((40, 60), 50, np.uint8))
+    with pytest.raises(InputFileError, match=r"depth\.jpg: JPEG, whose compression.*expected"):
+        read_depth(path, 0.02)
+
+
+def test_depth_as_openexr_says_how_to_convert_it(tmp_path: Path) -> None:
+    path = tmp_path / "depth.exr"
+    path.write_bytes(bytes.fromhex("762f3101") + bytes(200))
+    with pytest.raises(InputFileError, match=r"depth\.exr: OpenEXR.*OPENCV_IO_ENABLE_OPENEXR=1"):
+        read_depth(path)

@@ -42,7 +42,9 @@ class RecordingMessages(RosTypes):
         time_s = frame.stamp_s
         header = self.header(time_s, _CAMERA_FRAME)
         camera, up_camera = frame.camera, frame.up_camera
-        yield self.text(EXACT_TOPIC, exact_record(time_ns(time_s), camera, up_camera))
+        more = (frame.depth_noise, frame.rotation_deg)
+        exact = exact_record(time_ns(time_s), camera, up_camera, *more)
+        yield self.text(EXACT_TOPIC, exact)
         if camera is not None:
             info = self.camera_info(header, camera)
             yield RecordedMessage("/edgetree/camera_info", "sensor_msgs/msg/CameraInfo", info)

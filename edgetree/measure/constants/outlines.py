@@ -42,6 +42,22 @@ several stations are averaged. Source: fitted (dbh-network)."""
 EDGE_ERROR_M: Final = 2.0
 """Edges within this distance along the stem share one error. Source: fitted (taper-network)."""
 
+MAX_CONVERGENCE: Final = 0.15
+"""The edges of a stem converge by less than this, in px of width per px of length.
+Source: bound, twice what the thickest butts do."""
+
+MIN_BESIDE: Final = 0.2
+"""A mask shows more than the stem where it goes on beside the straight lines along the stem by this
+share of the width between them. Source: chosen by hand, above the butt swell of stems."""
+
+NEAR_RAD: Final = 0.15
+"""Stems that fill more than this angle are near: nearer than seven diameters. Their pictures end
+at breast height or at roots. Source: chosen on simulated frames, where it changes hardly a stem."""
+
+MUCH_LONGER: Final = 1.4
+"""Where mask and depth show different straight parts, that of the mask counts if it is so many
+times as long as that of the depth. Source: chosen by hand, as depth may be missing on a stem."""
+
 MIN_ON_STEM_SHARE: Final = 0.03
 """Share of the places on a stem that its mask must hold.
 Source: bound, below it hardly a reading is left."""
@@ -114,8 +130,8 @@ LOWER_SIDE_PX: Final = 10.0
 """A box reaches the lower side of the image if it ends less than this before it.
 Source: chosen by hand."""
 
-MIN_LOWER_SIDE_PX: Final = 5.0
-"""The least of that, in px of the image. Source: chosen, boxes of networks end up to five px before
+MIN_LOWER_SIDE_PX: Final = 7.0
+"""The least of that, in px of the image. Source: chosen, boxes of networks end up to six px before
 the side of an image of 240 px width that cuts their stem off."""
 
 BORDER_KEYPOINT_STDS: Final = 12.0

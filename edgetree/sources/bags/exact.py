@@ -1,4 +1,4 @@
-"""Camera and vertical of each frame to the last digit, in recordings that edgetree made.
+"""Camera, vertical, noise and rotation of each frame, in recordings that edgetree made.
 
 Standard messages do not carry all of it: an IMU is smoothed when it is read, and CameraInfo has no
 error of the focal length. The measurement would differ in the last digits, or in a choice that
@@ -8,8 +8,9 @@ depends on them.
 from __future__ import annotations
 
 import json
+import math
 from collections import OrderedDict
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
-from edgetree.frames.frame import Frame
+from edgetree.frames.frame import DepthNoise, Frame
+from edgetree.frames.turning import check_rotation
 
 EXACT_TOPIC: Final = "/edgetree/frame"
 EXACT_TYPE: Final = "std_msgs/msg/String"
@@ -27,26 +29,36 @@ _UNIT_TOLERANCE: Final = 1e-6
 
 
 def exact_record(
-    stamp_ns: int, camera: PinholeCamera | None, up_camera: NDArray[np.float64] | None
+    stamp_ns: int,
+    camera: PinholeCamera | None,
+    up_camera: NDArray[np.float64] | None,
+    depth_noise: DepthNoise | None = None,
+    rotation_deg: int | None = None,
 ) -> dict[str, Any]:
-    """Camera and vertical of a frame as a JSON object.
+    """What standard messages do not carry of a frame, as a JSON object.
 
     Args:
         stamp_ns: Time stamp of the frame in the recording, ns.
         camera: Its intrinsics; None if they are not known.
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
+        depth_noise: What the source knows of the errors of the depth; None if it does not.
+        rotation_deg: Degrees by which the picture must be turned clockwise; None if not given.
     """
     return {
         "schema": _SCHEMA,
         "stamp_ns": stamp_ns,
         "camera": None if camera is None else camera.to_dict(),
         "up_camera": None if up_camera is None else up_camera.tolist(),
+        "depth_noise": None if depth_noise is None else asdict(depth_noise),
+        "rotation_deg": rotation_deg,
     }
 
 
 class _Exact(NamedTuple):
     camera: PinholeCamera | None
     up_camera: NDArray[np.float64] | None
+    depth_noise: DepthNoise | None
+    rotation_deg: int | None
 
 
 class ExactValues:
@@ -67,6 +79,9 @@ class ExactValues:
                 raise ValueError(f"its schema is {values['schema']!r}")
             camera = None if values["camera"] is None else _camera(values["camera"])
             up_camera = None if values["up_camera"] is None else _unit(values["up_camera"])
+            noise = _noise(values.get("depth_noise"))
+            rotation_deg = values.get("rotation_deg")
+            check_rotation(rotation_deg, "its rotation_deg")
             stamp = values["stamp_ns"]
             if not isinstance(stamp, int):
                 raise ValueError(f"its stamp_ns is {stamp!r}, expected a whole number")
@@ -77,11 +92,12 @@ class ExactValues:
             RecursionError,
             OverflowError,
             CameraError,
+            InputError,
         ) as error:
             raise InputError(
                 f"a message of {EXACT_TOPIC} cannot be used ({error}): expected {_SCHEMA}"
             ) from error
-        self._waiting[stamp] = _Exact(camera, up_camera)
+        self._waiting[stamp] = _Exact(camera, up_camera, noise, rotation_deg)
         if len(self._waiting) > _MAX_WAITING:
             self._waiting.popitem(last=False)
 
@@ -99,13 +115,30 @@ class ExactValues:
         camera = exact.camera
         if camera is not None and (camera.height, camera.width) != pixels.shape[:2]:
             return frame
-        return replace(frame, camera=camera, up_camera=exact.up_camera)
+        return replace(
+            frame,
+            camera=camera,
+            up_camera=exact.up_camera,
+            depth_noise=exact.depth_noise or frame.depth_noise,
+            rotation_deg=exact.rotation_deg,
+        )
 
 
 def _camera(values: Any) -> PinholeCamera:
     if not isinstance(values, dict):
         raise ValueError(f"its camera is {type(values).__name__}, expected an object")
     return PinholeCamera.from_dict(values)
+
+
+def _noise(values: Any) -> DepthNoise | None:
+    """The errors of a depth; None if they are not known, as of recordings of earlier versions."""
+    if values is None:
+        return None
+    noise = DepthNoise(**values)
+    for name, value in asdict(noise).items():
+        if value is not None and not (isinstance(value, int | float) and 0 <= value < math.inf):
+            raise ValueError(f"its {name} is {value!r}, expected a positive number")
+    return noise
 
 
 def _unit(values: Any) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from schema_check import check_schema
 import calib
 from calib.depth_scale import DepthScale
 from edgetree.catalogue import default_model
+from edgetree.frames.frame import DepthNoise
 from edgetree.model_file.manifest import METADATA_KEY
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.results.service_state import ServiceState, state_message
@@ -192,7 +193,7 @@ def test_files_of_signatures_and_recordings_and_states_are_valid(tmp_path: Path)
         json.loads((tmp_path / "used.json").read_text()),
         json.loads(Statement("a", 1, 5, 64 * "0", "2026-11-23T08:00:00Z").to_json()),
         exact_record(5, None, None),
-        exact_record(5, camera, np.array([0.0, -1.0, 0.0])),
+        exact_record(5, camera, np.array([0.0, -1.0, 0.0]), DepthNoise(noise_m=0.01)),
         ServiceState("running", "", 0.0, 3).record(),
         json.loads(state_message(ServiceState("gone"), 7)),
     ]

@@ -10,6 +10,7 @@ import pytest
 
 from calib import PinholeCamera, RigidTransform
 from edgetree.frames import Rig
+from edgetree.frames.frame import DepthNoise
 from edgetree.live import LivePipeline, LiveResult
 from edgetree.results import live_record
 from edgetree.runtime import TreeDetector, default_model
@@ -117,7 +118,7 @@ def test_what_the_rig_knows_is_recorded_with_frames_that_do_not(
     record, recordings, read, result
 ) -> None:
     recorder, bare = record(), result(0)
-    rig = Rig(camera=CAMERA, up_camera=(0.0, -0.8, 0.6))
+    rig = Rig(camera=CAMERA, up_camera=(0.0, -0.8, 0.6), rotation_deg=90)
     frame = rig.completed(bare.frame, bare.trees.image_width, bare.trees.image_height)
     recorder.write(dataclasses.replace(bare, frame=frame))
     recorder.mark()
@@ -125,6 +126,19 @@ def test_what_the_rig_knows_is_recorded_with_frames_that_do_not(
     (frame,) = read(recordings()[0])
     assert frame.camera == CAMERA
     assert frame.up_camera == pytest.approx([0.0, -0.8, 0.6])
+    assert Rig().turn(frame) == rig.turn(bare.frame)
+
+
+def test_what_the_source_knows_of_its_depth_comes_back(record, recordings, read, result) -> None:
+    noise = DepthNoise(noise_per_m=0.004, noise_m=0.01, correlation_px=8.0)
+    recorder = record(waits=True)
+    for number, known in enumerate((noise, None)):
+        one = result(number, depth_m=MILLIMETRES, camera=CAMERA)
+        frame = dataclasses.replace(one.frame, depth_noise=known)
+        recorder.write(dataclasses.replace(one, frame=frame))
+    recorder.mark()
+    recorder.close()
+    assert [frame.depth_noise for frame in read(recordings()[0])] == [noise, None]
 
 
 def measured(result: LiveResult) -> list[dict[str, Any]]:
