@@ -14,7 +14,8 @@ import calib
 from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
-from edgetree.runtime.duplicates import distinct_trees
+from edgetree.runtime.drawn_ground import with_ground
+from edgetree.runtime.duplicates import distinct_trees, joined
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
 from edgetree.runtime.input_images import check_image, to_bytes
@@ -122,6 +123,9 @@ class TreeDetector:
     def detect(self, image: NDArray[Any]) -> TreeDetections:
         """Detect the trees in one image.
 
+        Depth that shows stems without ground is looked at once more with a plane drawn through
+        their feet (`edgetree.runtime.drawn_ground`).
+
         Args:
             image: An image of any size, contiguous or not. For an rgb model uint8 (H, W, 3), BGR
                 as read by OpenCV. For a depth model float (H, W), metres along the optical axis,
@@ -183,6 +187,18 @@ class TreeDetector:
         return letterbox, letterbox.apply(to_bytes(image, self._encoding), pad_value)
 
     def _detect_all(self, images: list[NDArray[Any]]) -> list[TreeDetections]:
+        """The trees of checked images, of those without ground also with ground drawn in."""
+        drawn = {}
+        for index, image in enumerate(images):
+            with_plane = with_ground(image) if image.dtype.kind == "f" else None
+            if with_plane is not None:
+                drawn[index] = with_plane
+        found = self._in_batches(images + list(drawn.values()))
+        for index, again in zip(drawn, found[len(images) :], strict=True):
+            found[index] = joined(again, found[index], self.manifest.thresholds.mask_overlap)
+        return found[: len(images)]
+
+    def _in_batches(self, images: list[NDArray[Any]]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
         for size in self._batch_sizes(len(images)):
             found += self._detect_together(images[len(found) : len(found) + size], size)
