@@ -78,7 +78,9 @@ def with_ground(depth_m: Float32) -> Float32 | None:
 
 
 def _readings(depth_m: Float32) -> Float32:
-    return np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
+    with np.errstate(over="ignore"):  # float64 values beyond float32 become inf, no reading
+        depth_m = depth_m.astype(np.float32, copy=False)
+    return np.where(np.isfinite(depth_m), depth_m, np.float32(0))
 
 
 def _lowest(depth_m: Float32) -> _Lowest:
