@@ -116,6 +116,7 @@ class CloudViews(BaseSource):
             up_camera=self._up,
             pose=to_camera.inverse(),
             filled_depth_m=None if is_dense else filled_m,
+            cloud_m=to_camera.apply(self._cloud.points_m),
         )
 
 
