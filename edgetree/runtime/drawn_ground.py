@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+import cv2
 import numpy as np
 
 from basetree.arrays import Bool, Float, Float32
@@ -34,6 +35,8 @@ _LOOKED_M, _DRAWN_M = 12.0, 20.0
 # readings there less than this share lies on the plane, within so much of its distance.
 _LEAST_EMPTY, _MOST_ON_PLANE, _ON_PLANE = 0.4, 0.5, 0.15
 _LEAST_AREA: Final = 0.02
+# Holes of a surface up to this share of the picture's width are not filled with ground.
+_HOLE_SHARE: Final = 0.015
 
 
 class _Lowest(NamedTuple):
@@ -73,8 +76,17 @@ def with_ground(depth_m: Float32) -> Float32 | None:
         return None
     inverse = _inverse_depth(plane, depth_m.shape)
     known_m = _readings(depth_m)
-    is_drawn = (known_m == 0) & (inverse > 1 / _DRAWN_M)
+    is_drawn = ~_closed(known_m > 0) & (inverse > 1 / _DRAWN_M)
     return np.where(is_drawn, 1 / np.maximum(inverse, 1 / _DRAWN_M), known_m).astype(np.float32)
+
+
+def _closed(is_read: Bool) -> Bool:
+    """Readings and the holes between them: no ground is seen through a stem."""
+    side = max(3, round(_HOLE_SHARE * is_read.shape[1]))
+    closed = cv2.morphologyEx(
+        is_read.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)
+    )
+    return closed > 0
 
 
 def _readings(depth_m: Float32) -> Float32:
