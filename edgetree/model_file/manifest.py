@@ -175,7 +175,8 @@ class Manifest:
         parity: Results of the export's parity check.
         calibration_sha256: Hash of the calibration data of a quantised model, else None.
         proposals: Region proposals per frame for the box head; None in older files.
-        multiply_adds: Multiply-adds of the whole network for one frame; None in older files.
+        multiply_adds: Multiply-adds of the whole network for one frame with as many trees as the
+            file can give; None in older files.
         classifier: Cost of the backbone alone, as papers give it; None in older files.
         target: The provider that the file was exported for.
         weight_bits: Bits that the weights of an 8-bit model use. With 8, x86 processors without

@@ -17,5 +17,5 @@ perceptree synth --out data/cal-field --preset field --settings $RECIPES/field-f
 perceptree synth --out data/test --preset test
 perceptree synth --out data/field-test --preset field-test
 perceptree calibrate-scores runs/m03/best.safetensors data/cal-paper data/cal-field --split train --out models/edge-n-depth-cameras.safetensors
-edgetree export models/edge-n-depth-cameras.safetensors --out models/edge-n-depth-cameras.onnx --precision int8 --calibration data/cal-paper --data data/test
+edgetree export models/edge-n-depth-cameras.safetensors --out models/edge-n-depth-cameras.onnx --precision int8 --proposals 60 --calibration data/cal-paper --data data/test
 python -m benchmarks.sensor_cards data/test data/field-test --frames 60 --models models/edge-n-depth-cameras.onnx edge-n-depth --result sensor_cards.json

@@ -47,7 +47,8 @@ def test_the_packaged_model_is_measured_with_stages_and_cost() -> None:
     assert set(row["stages_ms"]) == set(STAGES)
     assert all(ms > 0 for ms in row["stages_ms"].values())
     assert row["file_bytes"] == default_model("depth").stat().st_size
-    assert row["graph_multiply_adds"] == pytest.approx(row["multiply_adds"], rel=0.03)
+    # The heads run on the trees of the first frame, and the manifest counts all rows.
+    assert 0.7 * row["multiply_adds"] < row["graph_multiply_adds"] < row["multiply_adds"]
     assert 0 < row["share_of_peak"] < 1.5
     assert sum(row["histogram"]["counts"]) == row["runs"]
     assert row["peak_memory_mib"] > 50
