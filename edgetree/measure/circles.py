@@ -1,8 +1,8 @@
 """Circles through slices of a dense point cloud: a second opinion on the diameters of stems.
 
-Around each place of a stem's axis the points of a slice are seen along the axis. They are counted in
-sectors around the centre: points of one sector share the same bark, so that each sector, and not
-each point, is one reading. A circle is fitted to the sectors by robust least squares; the scatter
+Around each place of a stem's axis the points of a slice are seen along the axis, in sectors around
+the centre. Points of one sector share the same bark, so that each sector, and not each point, is
+one reading. A circle is fitted to the sectors by robust least squares; the scatter
 of the sectors about it, and the arc that they cover, give its deviation.
 """
 

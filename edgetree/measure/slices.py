@@ -1,4 +1,4 @@
-"""Diameters of measured stems by circles through the slices of a cloud, beside those by outlines."""
+"""Diameters of measured stems, weighed with circles through the slices of a cloud."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from basetree.arrays import Float
 from edgetree.measure.circles import fit_circles
 from edgetree.measure.constants.circles import MAX_APART_STDS
-from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
+from edgetree.measure.estimates import Estimate, TreeMeasurement
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.volume import volume_by_dbh
@@ -62,14 +62,14 @@ def _with_circles(
             )
     if profile:
         breast_m = _middle_at(profile, settings.breast_height_m)
-        circle = dbh and _circle(near_m, breast_m, axis.direction, dbh)
-        if dbh and circle:
+        circle = _circle(near_m, breast_m, axis.direction, dbh) if dbh else None
+        if dbh and circle is not None:
             warnings += _warning("breast height", dbh, circle)
             dbh = _weighed(dbh, circle)
         profile = _weighed_profile(profile, near_m, axis.direction)
     volume = tree.volume_m3
     if settings.species is not None and dbh is not tree.dbh_m:
-        volume = volume_by_dbh(dbh, settings.species)
+        volume = volume_by_dbh(settings.species, dbh)
     return replace(
         tree,
         diameter_m=diameter,

@@ -76,17 +76,16 @@ def with_ground(depth_m: Float32) -> Float32 | None:
         return None
     inverse = _inverse_depth(plane, depth_m.shape)
     known_m = _readings(depth_m)
-    is_drawn = ~_closed(known_m > 0) & (inverse > 1 / _DRAWN_M)
+    is_drawn = (known_m == 0) & ~_closed(known_m > 0) & (inverse > 1 / _DRAWN_M)
     return np.where(is_drawn, 1 / np.maximum(inverse, 1 / _DRAWN_M), known_m).astype(np.float32)
 
 
 def _closed(is_read: Bool) -> Bool:
     """Readings and the holes between them: no ground is seen through a stem."""
-    side = max(3, round(_HOLE_SHARE * is_read.shape[1]))
-    closed = cv2.morphologyEx(
-        is_read.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)
-    )
-    return closed > 0
+    side = 2 * round(_HOLE_SHARE / 2 * is_read.shape[1]) + 1
+    square = np.ones((side, side), np.uint8)
+    closed = cv2.morphologyEx(is_read.astype(np.uint8), cv2.MORPH_CLOSE, square)
+    return np.asarray(closed > 0)
 
 
 def _readings(depth_m: Float32) -> Float32:

@@ -68,13 +68,15 @@ def joined(first: TreeDetections, second: TreeDetections, max_overlap: float) ->
     """
     if first.masks is None or second.masks is None:
         return first
+    points = None
+    if first.keypoints_px is not None and second.keypoints_px is not None:
+        points = np.concatenate([first.keypoints_px, second.keypoints_px])
     trees = replace(
         first,
-        **{
-            name: np.concatenate([getattr(first, name), getattr(second, name)])
-            for name in ("boxes_px", "scores", "masks", "keypoints_px")
-            if getattr(first, name) is not None
-        },
+        boxes_px=np.concatenate([first.boxes_px, second.boxes_px]),
+        scores=np.concatenate([first.scores, second.scores]),
+        masks=np.concatenate([first.masks, second.masks]),
+        keypoints_px=points,
     )
     trees = trees.select(np.argsort(-trees.scores, kind="stable"))
     assert trees.masks is not None

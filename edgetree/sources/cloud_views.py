@@ -117,7 +117,7 @@ class CloudViews(BaseSource):
             up_camera=self._up,
             pose=to_camera.inverse(),
             filled_depth_m=None if is_dense else filled_m,
-            cloud_m=to_camera.apply(self._cloud.points_m),
+            cloud_m=np.asarray(to_camera.apply(self._cloud.points_m), np.float64),
         )
 
 

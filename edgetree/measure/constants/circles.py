@@ -19,8 +19,8 @@ BARK_STD_M: Final = 0.002
 """Least scatter of a surface. Source: bound, that of the best scanners."""
 
 SHAPE_STD: Final = 0.1
-"""Relative standard deviation of the diameter by the shape of the stem where hardly any of its girth
-is seen, less with every sector: the arc of an oval is not that of its mean circle.
+"""Relative standard deviation of the diameter by the shape of a stem of which hardly any sector is
+seen, less with every sector: the arc of an oval is not that of its mean circle.
 Source: chosen on simulated scans."""
 
 MAX_APART_STDS: Final = 3.0
