@@ -59,8 +59,8 @@ class Frame:
         depth_noise: Errors of the depth, as far as the source knows them; None if it does not.
         filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
             in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
-        cloud_m: (N, 3) points of a cloud in the camera's frame, which may show stems all around; None
-            if the depth is all that is known.
+        cloud_m: (N, 3) points of a cloud in the camera's frame, which may show stems from all
+            sides; None if the depth is all that is known.
         exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
     """
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from basetree.arrays import Float
 from edgetree.measure.constants.circles import (
-    BARK_STD_M,
+    LEAST_SCATTER_M,
     MIN_SECTOR_POINTS,
     MIN_SECTORS,
     SECTORS,
-    SHAPE_STD,
     SLICE_HALF_M,
+    UNSEEN_SHAPE_STD,
 )
 
 # Points further from the axis than this many radii, and this much, are of something else.
@@ -94,7 +94,7 @@ def _fit(xy_m: Float, radius_m: float) -> tuple[float, float] | None:
         return None
     own_m = scatter_m * np.sqrt(np.linalg.inv(information)[2, 2] * count / (count - 3))
     missing = 1 - count / SECTORS
-    return 2 * radius, 2 * float(np.hypot(own_m, SHAPE_STD * missing * radius))
+    return 2 * radius, 2 * float(np.hypot(own_m, UNSEEN_SHAPE_STD * missing * radius))
 
 
 def _sectors(xy_m: Float, radius_m: float) -> tuple[Float, Float] | None:
@@ -115,4 +115,4 @@ def _sectors(xy_m: Float, radius_m: float) -> tuple[Float, Float] | None:
 
 
 def _scatter_m(off_m: Float) -> float:
-    return max(_STD_PER_MEDIAN * float(np.median(np.abs(off_m))), BARK_STD_M)
+    return max(_STD_PER_MEDIAN * float(np.median(np.abs(off_m))), LEAST_SCATTER_M)

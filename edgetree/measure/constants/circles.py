@@ -15,10 +15,10 @@ MIN_SECTOR_POINTS: Final = 3
 MIN_SECTORS: Final = 9
 """Fewer sectors fit no circle: the least arc is 90 degrees. Source: chosen."""
 
-BARK_STD_M: Final = 0.002
+LEAST_SCATTER_M: Final = 0.002
 """Least scatter of a surface. Source: bound, that of the best scanners."""
 
-SHAPE_STD: Final = 0.1
+UNSEEN_SHAPE_STD: Final = 0.1
 """Relative standard deviation of the diameter by the shape of a stem of which hardly any sector is
 seen, less with every sector: the arc of an oval is not that of its mean circle.
 Source: chosen on simulated scans."""

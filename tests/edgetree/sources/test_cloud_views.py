@@ -47,7 +47,7 @@ def test_a_place_among_stems_without_ground_is_as_high_above_their_feet():
     stems = [(5.0, 0.0), (8.0, 4.0), (3.0, 6.0), (9.0, -3.0)]
     parts = []
     for x, y in stems:
-        turn, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(200.0, 215.0, 4000)
+        turn, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(200.0, 230.0, 4000)
         parts.append(np.stack([x + 0.15 * np.cos(turn), y + 0.15 * np.sin(turn), z], -1))
 
     place = viewpoint_m(np.concatenate(parts))
