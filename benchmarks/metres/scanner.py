@@ -86,7 +86,7 @@ def scan(
     tilt = RigidTransform.from_euler_deg(roll, pitch, yaw, np.zeros(3)).rotation
     true = RigidTransform(stand.to_camera @ axes @ tilt, camera_m)
     directions = _directions(scanner, rng)
-    ranges_m, beams = returns(stand, true, directions, place, np.radians(scanner.divergence_deg))
+    ranges_m, beams = _returns(stand, true, directions, place, np.radians(scanner.divergence_deg))
     ranges_m = (
         ranges_m + rng.normal(0, scanner.bias_m) + rng.normal(0, scanner.noise_m, len(ranges_m))
     )
@@ -106,7 +106,7 @@ def _directions(scanner: Scanner, rng: np.random.Generator) -> Float:
     return np.stack([np.cos(up) * np.cos(left), np.cos(up) * np.sin(left), np.sin(up)], -1)
 
 
-def returns(
+def _returns(
     stand: Stand, true: RigidTransform, directions: Float, place: Float, divergence_rad: float
 ) -> tuple[Float, Float]:
     """Ranges (M,) of the returns and the numbers (M,) of their beams.
