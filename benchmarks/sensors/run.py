@@ -19,6 +19,7 @@ from benchmarks.metres.scores import lines, score
 from benchmarks.sensors.captures import phone, portrait, scan, scan_readings
 from benchmarks.sensors.control import SENSORS, SIZES, draw
 from benchmarks.sensors.views import NETWORKS, OUTLINES, View, readings
+from benchmarks.sensors.whole_cloud import whole_cloud
 
 Cells = Iterator[tuple[str, dict[str, Any]]]
 
@@ -58,7 +59,20 @@ def _scan(seeds: Iterable[int], sources: list[str]) -> Cells:
         yield from _scores(name, list(scan(ground)), networks, "dbh_m", scan_readings)
 
 
-ROWS = {"control": control, "phone": _phone, "portrait": _portrait, "scan": _scan}
+def _cloud(seeds: Iterable[int], sources: list[str]) -> Cells:
+    for source in sources:
+        for circles in (False, True) if source != OUTLINES else ():
+            name = f"cloud by {'outlines and circles' if circles else 'outlines'} {source}"
+            yield name, score(whole_cloud(source, circles), ("dbh_m",))
+
+
+ROWS = {
+    "control": control,
+    "phone": _phone,
+    "portrait": _portrait,
+    "scan": _scan,
+    "cloud": _cloud,
+}
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,10 @@ from basetree.files.limits import current_limits
 from basetree.files.regular import read_regular
 from calib.clouds import arrays, las, pcd, ply
 from calib.clouds.cloud import PointCloud
+from calib.clouds.units import doubted_unit
 from calib.errors import CloudError
+
+_log = logging.getLogger(__name__)
 
 CLOUD_SUFFIXES: Final = (".ply", ".pcd", ".las", ".laz", ".npz", ".bin")
 _EXPECTED: Final = "expected a point cloud as PLY, PCD, LAS, LAZ, NPZ, NPY or KITTI's BIN"
@@ -50,16 +54,19 @@ def read_cloud(path: Path | str) -> PointCloud:
             f"cloud {path}: cannot be read ({error.strerror}), {_EXPECTED}"
         ) from error
     try:
-        return PointCloud(_reader(path, data)(data))
+        cloud = PointCloud(_reader(path, data)(data))
     except CloudError as error:
         raise CloudError(f"cloud {path}: {error}") from error
+    if (doubt := doubted_unit(cloud.points_m)) is not None:
+        _log.warning("cloud %s: %s", path, doubt)
+    return cloud
 
 
 def _reader(path: Path, data: bytes) -> Callable[[bytes], Float]:
     """The function that reads the points of a file."""
     name = path.name.lower()
     by_start: dict[bytes, Callable[[bytes], Float]] = {
-        las.MAGIC: las.read_las,
+        las.MAGIC: lambda data: las.read_las(data, f"cloud {path}"),
         arrays.ZIP: arrays.read_npz,
         arrays.NPY: arrays.read_npy,
         ply.MAGIC + b"\n": ply.read_ply,

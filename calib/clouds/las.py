@@ -8,6 +8,8 @@ Format: ASPRS, LAS Specification 1.4 - R15.
 from __future__ import annotations
 
 import io
+import logging
+import re
 import struct
 from typing import Any, Final
 
@@ -18,21 +20,35 @@ from basetree.errors import MissingPackage, install_hint
 from calib.clouds.cloud import check_count
 from calib.errors import CloudError
 
+_log = logging.getLogger(__name__)
+
 MAGIC: Final = b"LASF"
 _SHORTEST_HEADER: Final = 227
 _LONGEST_RECORD: Final = 1024
 _COMPRESSED: Final = 0x80
 _MOST_VLRS: Final = 10_000
 _AT_ONCE: Final = 200_000  # points
-_FEET: Final = (9002, 9003)  # codes of linear units in the tags of GeoTIFF
-_LINEAR_UNIT: Final = 3076
+_WKT_RECORD: Final = 2112
+# Keys of GeoTIFF, and metres per unit by their codes of linear units.
+_MODEL_TYPE, _LINEAR_UNIT, _VERTICAL_UNIT, _GEOGRAPHIC = 1024, 3076, 4099, 2
+_UNIT_CODES: Final = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
+_UNIT: Final = re.compile(r'unit\["([^"]*)",\s*([0-9]{0,9}\.?[0-9]{0,30}(?:e-?[0-9]{1,2})?)[,\]]')
+_ANGLE: Final = re.compile("degree|radian|grad|arc|second")
+_UNITS_M: Final = (0.2, 1.0)  # from links to metres
+_DEGREES: Final = "its coordinates are degrees: expected metres in a plane"
 
 
-def read_las(data: bytes) -> Float:
-    """The points of a LAS or LAZ file as (N, 3) coordinates.
+def read_las(data: bytes, name: str = "the cloud") -> Float:
+    """The points of a LAS or LAZ file as (N, 3) coordinates in metres.
+
+    Feet become metres where the file states them, and a line says so.
+
+    Args:
+        data: The file.
+        name: What the line calls it.
 
     Raises:
-        CloudError: If the file is damaged, or states that its coordinates are feet or degrees.
+        CloudError: If the file is damaged, or states that its coordinates are degrees.
         MissingPackage: If `laspy` or `lazrs` is not installed.
     """
     _check_header(data)
@@ -45,7 +61,7 @@ def read_las(data: bytes) -> Float:
         # The parallel decoder takes memory for what a damaged table of chunks promises.
         decoder = laspy.LazBackend.Lazrs
         with laspy.open(io.BytesIO(data), closefd=False, laz_backend=decoder) as file:
-            _check_unit(file.header.vlrs)
+            across, up = _metres_per_unit(file.header.vlrs)
             parts = [_coordinates(points) for points in file.chunk_iterator(_AT_ONCE)]
     except CloudError:
         raise
@@ -55,7 +71,12 @@ def read_las(data: bytes) -> Float:
             raise
         words = str(error).split("\n")[0][:200]
         raise CloudError(f"its LAS points cannot be read ({words}): the file is damaged") from error
-    return np.concatenate(parts) if parts else np.zeros((0, 3))
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    if across == up == 1:
+        return points
+    unit = f"{across:.6g} m" if across == up else f"{across:.6g} m across and {up:.6g} m up"
+    _log.warning("%s states units of %s: its coordinates are converted to metres", name, unit)
+    return points * [across, across, up]
 
 
 def _coordinates(points: Any) -> Float:
@@ -98,15 +119,40 @@ def _check_chunks(data: bytes, offset: int, count: int) -> None:
         raise CloudError(f"it states {chunks} chunks of {count} points: the file is damaged")
 
 
-def _check_unit(vlrs: Any) -> None:
-    """Refuse coordinates in feet or degrees, as far as the file states its unit."""
+def _metres_per_unit(vlrs: Any) -> tuple[float, float]:
+    """Metres per unit across and up, as far as the file states its units.
+
+    Raises:
+        CloudError: The coordinates are degrees, or in a unit that no survey uses.
+    """
+    across, up = None, None
     for vlr in vlrs:
-        if vlr.record_id == 2112:
-            text = str(getattr(vlr, "string", "")).lower()
-            if text.startswith("geogcs"):
-                raise CloudError("its coordinates are degrees: expected metres in a plane")
-            if "foot" in text.split("vert_cs")[0]:
-                raise CloudError("its coordinates are feet: expected metres")
+        if vlr.record_id == _WKT_RECORD:
+            across, up = _units_of_text(str(getattr(vlr, "string", "")).lower())
         for key in getattr(vlr, "geo_keys", ()):
-            if key.id == _LINEAR_UNIT and key.value_offset in _FEET:
-                raise CloudError("its coordinates are feet: expected metres")
+            if key.id == _MODEL_TYPE and key.value_offset == _GEOGRAPHIC:
+                raise CloudError(_DEGREES)
+            if key.id == _LINEAR_UNIT and across is None:
+                across = _UNIT_CODES.get(key.value_offset)
+            if key.id == _VERTICAL_UNIT and up is None:
+                up = _UNIT_CODES.get(key.value_offset)
+    across = 1.0 if across is None else across
+    up = across if up is None else up
+    for unit in (across, up):
+        if not _UNITS_M[0] <= unit <= _UNITS_M[1]:
+            raise CloudError(f"its unit is {unit:g} m: expected metres or feet")
+    return across, up
+
+
+def _units_of_text(text: str) -> tuple[float | None, float | None]:
+    """Metres per unit across and up by well-known text in lower case; None where it tells none."""
+    level, *vertical = re.split(r"vert_?c(?:s|rs)\[", text, maxsplit=1)
+    if "geog" in level and "proj" not in level:
+        raise CloudError(_DEGREES)
+    found = [
+        [float(size) for name, size in _UNIT.findall(part) if not _ANGLE.search(name)]
+        for part in (level, *vertical)
+    ]
+    # The unit of a projection stands after those of what it projects.
+    across, up = found[0], found[1] if vertical else []
+    return across[-1] if across else None, up[-1] if up else None

@@ -191,9 +191,10 @@ RigErrors: TypeAlias = Annotated[
     typer.Option(
         metavar="NAME=VALUE,...",
         help="How well the rig is known, as standard deviations: scale of the depth (a share),"
-        " principal point (px), vertical and mounting (degrees), such as"
-        " scale=0.004,principal=1.2,vertical=0.5,mounting=1. They are part of all intervals. What"
-        " is not given is taken from the files of camera and depth scale, or else assumed.",
+        " principal point (px), vertical and mounting (degrees), offset of all depth (m), such"
+        " as scale=0.004,principal=1.2,vertical=0.5,mounting=1,offset=0.02. They are part of all"
+        " intervals. What is not given is taken from the files of camera and depth scale, or else"
+        " assumed.",
     ),
 ]
 StumpHeight: TypeAlias = Annotated[

@@ -59,6 +59,8 @@ class Frame:
         depth_noise: Errors of the depth, as far as the source knows them; None if it does not.
         filled_depth_m: (H, W) depth of which the gaps between beams are closed, which networks see
             in place of `depth_m`; None if `depth_m` is not that of single beams of a scanner.
+        cloud_m: (N, 3) points of a cloud in the camera's frame, which may show stems from all
+            sides; None if the depth is all that is known.
         exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
         rotation_deg: Degrees by which the picture must be turned clockwise to be upright, as a
             recording says it; None if the vertical tells.
@@ -78,6 +80,7 @@ class Frame:
     filled_depth_m: NDArray[np.float32] | None = None
     exif_focal_px: float | None = None
     rotation_deg: int | None = None
+    cloud_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.time_s is not None and not abs(self.time_s) <= _LARGEST_TIME_S:

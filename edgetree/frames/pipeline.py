@@ -270,7 +270,12 @@ class _Inputs:
 
     def measured(self, ways: list[Way], settings: MeasureSettings | None) -> list[TreeMeasurement]:
         """The measurement of each tree, by the depth or by other ways to distances."""
-        from edgetree.measure import TreeMeasurement, measure_trees, measure_without_depth
+        from edgetree.measure import (
+            MeasureSettings,
+            TreeMeasurement,
+            measure_trees,
+            measure_without_depth,
+        )
 
         frame, rig, found, camera = self.frame, self.rig, self.found, self.camera
         if frame.depth_fault is not None:
@@ -296,7 +301,13 @@ class _Inputs:
             sparse = frame.filled_depth_m is not None
             depth_m = turn.picture(frame.depth_m)
             measured = measure_trees(trees, depth_m, camera, sparse=sparse, **given)
-        return [turn.back.measurement(tree) for tree in measured] if turn else measured
+        if turn:
+            measured = [turn.back.measurement(tree) for tree in measured]
+        if frame.cloud_m is None:
+            return measured
+        from edgetree.measure.slices import with_circles
+
+        return with_circles(measured, frame.cloud_m, given["settings"] or MeasureSettings())
 
 
 def with_noise(

@@ -100,11 +100,12 @@ def measure_trees(
     up = vertical_of(up_camera, mounting)
     settings = (settings or MeasureSettings()).scaled(detections.error_factor)
     settings = settings.of_beams() if sparse else settings
+    uncertainty = rig_uncertainty or RigUncertainty()
+    settings = uncertainty.in_settings(settings)
     frame = checked_frame(detections, depth_m, camera, masks, settings)
     if not len(detections):
         return []
-    rig = (rig_uncertainty or RigUncertainty()).errors(camera)
-    frame = replace(frame, rig=rig, is_sparse=sparse)
+    frame = replace(frame, rig=uncertainty.errors(camera), is_sparse=sparse)
     if detections.keypoints_px is None and frame.masks is None:
         reason = "the model gives neither keypoints nor masks"
         return [TreeMeasurement.failed(reason) for _ in range(len(detections))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,9 @@ from edgetree.measure.constants.rig import (
     PRINCIPAL_STD_SHARE,
     ROTATION_STD_DEG,
 )
+from edgetree.measure.settings import MeasureSettings
+
+_LEAST_OFFSET_M = 1e-6  # settings are positive
 
 _EYE = np.eye(3)
 _NAMES = {
@@ -23,8 +26,14 @@ _NAMES = {
     "principal": "principal_std_px",
     "vertical": "vertical_std_deg",
     "mounting": "mounting_std_deg",
+    "offset": "depth_offset_std_m",
 }
-_LARGEST = {"depth_scale_std": 0.5, "vertical_std_deg": 90.0, "mounting_std_deg": 90.0}
+_LARGEST = {
+    "depth_scale_std": 0.5,
+    "depth_offset_std_m": 1.0,
+    "vertical_std_deg": 90.0,
+    "mounting_std_deg": 90.0,
+}
 
 
 def _check(name: str, field: str, value: float) -> None:
@@ -49,6 +58,8 @@ class RigUncertainty:
         principal_std_px: Of the principal point in x and in y, in px of the camera.
         vertical_std_deg: Of the given vertical, about each level axis.
         mounting_std_deg: Of the rotation from the camera to the machine, about each axis.
+        depth_offset_std_m: Of the length that all depth is off by, as of a laser scanner. Where
+            it is None, `MeasureSettings.depth_bias_m` holds.
 
     Raises:
         InputError: A value is negative, not finite or too large.
@@ -62,6 +73,7 @@ class RigUncertainty:
     principal_std_px: float | None = None
     vertical_std_deg: float | None = None
     mounting_std_deg: float | None = None
+    depth_offset_std_m: float | None = None
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -105,6 +117,12 @@ class RigUncertainty:
             vertical_rad=math.radians(_or_default(self.vertical_std_deg, ROTATION_STD_DEG)),
             mounting_rad=math.radians(_or_default(self.mounting_std_deg, ROTATION_STD_DEG)),
         )
+
+    def in_settings(self, settings: MeasureSettings) -> MeasureSettings:
+        """The settings with the offset of the depth, if it is stated: all readings share it."""
+        if self.depth_offset_std_m is None:
+            return settings
+        return replace(settings, depth_bias_m=max(self.depth_offset_std_m, _LEAST_OFFSET_M))
 
     def assumed(self, camera: PinholeCamera, has_vertical: bool, has_mounting: bool) -> list[str]:
         """What is assumed as nothing states it, each in a few words.

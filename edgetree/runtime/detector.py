@@ -15,7 +15,8 @@ from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.model_file.manifest import InputSpec
-from edgetree.runtime.duplicates import distinct_trees
+from edgetree.runtime.drawn_ground import with_ground
+from edgetree.runtime.duplicates import distinct_trees, joined
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
 from edgetree.runtime.input_images import by_input, check_image, to_bytes
@@ -138,6 +139,9 @@ class TreeDetector:
         either: an image that is missing, black, without readings, or alone unlike those of the
         training is left out, and `TreeDetections.alone` says so.
 
+        Depth that shows stems without ground is looked at once more with a plane drawn through
+        their feet (`edgetree.runtime.drawn_ground`).
+
         Args:
             image: An image of any size, contiguous or not. For an rgb model and one of both uint8
                 (H, W, 3), BGR as read by OpenCV. A depth model takes its depth also here.
@@ -233,6 +237,18 @@ class TreeDetector:
         return PreparedImages(letterbox, (pixels,), None, self._unlike(pixels, letterbox))
 
     def _detect_all(self, images: list[FrameImage]) -> list[TreeDetections]:
+        """The trees of checked images, of those without ground also with ground drawn in."""
+        drawn = {}
+        for index, image in enumerate(images):
+            with_plane = _with_ground(image)
+            if with_plane is not None:
+                drawn[index] = with_plane
+        found = self._in_batches(images + list(drawn.values()))
+        for index, again in zip(drawn, found[len(images) :], strict=True):
+            found[index] = joined(again, found[index], self.manifest.thresholds.mask_overlap)
+        return found[: len(images)]
+
+    def _in_batches(self, images: list[FrameImage]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
         for size in self._batch_sizes(len(images)):
             found += self._detect_together(images[len(found) : len(found) + size], size)
@@ -311,3 +327,9 @@ class TreeDetector:
             error_factor=self.manifest.error_factor,
             by_network=True,
         )
+
+
+def _with_ground(image: FrameImage) -> NDArray[np.float32] | None:
+    """Depth in metres with a plane drawn in; None for all else, and where there is ground."""
+    is_depth = isinstance(image, np.ndarray) and image.dtype.kind == "f"
+    return with_ground(image) if is_depth else None

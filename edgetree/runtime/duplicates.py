@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from edgetree.detections import TreeDetections
 
 _INSIDE = 0.5
 
@@ -53,3 +56,28 @@ def distinct_trees(boxes: Float, masks: Float, max_overlap: float) -> Bool:
         if keep[one]:
             keep[other] = False
     return keep
+
+
+def joined(first: TreeDetections, second: TreeDetections, max_overlap: float) -> TreeDetections:
+    """The trees of two detections in one image, each once, by descending score.
+
+    Args:
+        first: Trees of one model; whether the image is unlike its training is taken from them.
+        second: Trees of the same model.
+        max_overlap: As for `distinct_trees`. Without masks only `first` is taken.
+    """
+    if first.masks is None or second.masks is None:
+        return first
+    points = None
+    if first.keypoints_px is not None and second.keypoints_px is not None:
+        points = np.concatenate([first.keypoints_px, second.keypoints_px])
+    trees = replace(
+        first,
+        boxes_px=np.concatenate([first.boxes_px, second.boxes_px]),
+        scores=np.concatenate([first.scores, second.scores]),
+        masks=np.concatenate([first.masks, second.masks]),
+        keypoints_px=points,
+    )
+    trees = trees.select(np.argsort(-trees.scores, kind="stable"))
+    assert trees.masks is not None
+    return trees.select(distinct_trees(trees.boxes_px, trees.masks, max_overlap))

@@ -30,7 +30,8 @@ _DENSE_PX: Final = 2.5
 _EYE_M, _CELL_M, _ROOM_M = 1.6, 1.0, 1.0
 _WITHIN_M: Final = (2.0, 15.0)
 _MOST_CELLS, _SAMPLED_POINTS = 2500, 20_000
-_GROUND_QUANTILE: Final = 0.02
+# The ground is the lowest layer of this height with at least this share of a usual layer's points.
+_LAYER_M, _LAYER_SHARE = 0.2, 0.5
 # A scan reaches around its scanner: each view has this share of the mean of all views at least. Up
 # to this share of its points is on the machine that carries it.
 _LEAST_SHARE, _MACHINE_SHARE = 0.1, 0.05
@@ -116,6 +117,7 @@ class CloudViews(BaseSource):
             up_camera=self._up,
             pose=to_camera.inverse(),
             filled_depth_m=None if is_dense else filled_m,
+            cloud_m=np.asarray(to_camera.apply(self._cloud.points_m), np.float64),
         )
 
 
@@ -163,7 +165,16 @@ def _seen(points: Float, place: Float) -> Float:
 
 
 def _ground_m(heights_m: Float) -> float:
-    return float(np.quantile(heights_m, _GROUND_QUANTILE))
+    """The lowest layer that holds as many points as layers do: ground, or the feet of stems.
+
+    Points below it are errors. A quantile would lie high up the stems where the ground has been
+    removed.
+    """
+    low = float(heights_m.min())
+    layers = np.bincount(((heights_m - low) / _LAYER_M).astype(np.intp))
+    usual = float(np.median(layers[layers > 0]))
+    first = int(np.argmax(layers >= _LAYER_SHARE * usual))
+    return low + first * _LAYER_M
 
 
 def _room_m(points: Float, place: Float, but_for: float = 0.001) -> float:

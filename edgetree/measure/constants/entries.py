@@ -8,7 +8,7 @@ import re
 from types import ModuleType
 from typing import NamedTuple
 
-from edgetree.measure.constants import depth, edges, ground, outlines, placing, rig, stems
+from edgetree.measure.constants import circles, depth, edges, ground, outlines, placing, rig, stems
 
 TOPICS = {
     "Stems": stems,
@@ -16,6 +16,7 @@ TOPICS = {
     "Keypoints and masks": outlines,
     "Depth": depth,
     "Edges in the depth": edges,
+    "Circles in clouds": circles,
     "Rig": rig,
     "Without depth": placing,
 }

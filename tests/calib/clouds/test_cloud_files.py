@@ -64,11 +64,76 @@ def test_laz_of_another_program_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_cloud(tmp_path / "a.laz").points_m, expected, atol=1e-9)
 
 
-def test_feet_are_refused(tmp_path: Path) -> None:
+SURVEY_FOOT_M = 1200 / 3937
+FEET_ACROSS = (
+    'COMPD_CS["NAD83 / Oregon + NAVD88",PROJCS["NAD83 / Oregon",GEOGCS["NAD83",DATUM["d",SPHEROID['
+    '"GRS",6378137,298.257]],UNIT["degree",0.0174532925199433]],PROJECTION["Lambert"],'
+    'UNIT["US survey foot",0.3048006096012192]],VERT_CS["NAVD88",VERT_DATUM["v",2005],'
+    'UNIT["metre",1]]]'
+)
+
+
+def test_feet_become_metres_and_a_line_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     pytest.importorskip("laspy")
     (tmp_path / "a.las").write_bytes(las(feet=True))
-    with pytest.raises(InputError, match=r"a\.las: its coordinates are feet: expected metres"):
-        read_cloud(tmp_path / "a.las")
+
+    points = read_cloud(tmp_path / "a.las").points_m
+
+    feet = POINTS + np.array([500_000.0, 6_000_000.0, 0.0])
+    np.testing.assert_allclose(points, feet * SURVEY_FOOT_M, atol=1e-6)
+    assert "a.las states units of 0.304801 m: its coordinates are converted" in caplog.text
+
+
+def test_a_file_may_state_feet_across_and_metres_up(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    (tmp_path / "a.las").write_bytes(las())
+    cloud = laspy.read(tmp_path / "a.las")
+    cloud.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(FEET_ACROSS))
+    cloud.write(tmp_path / "b.las")
+
+    points = read_cloud(tmp_path / "b.las").points_m
+
+    factors = [SURVEY_FOOT_M, SURVEY_FOOT_M, 1.0]
+    feet = POINTS + np.array([500_000.0, 6_000_000.0, 0.0])
+    np.testing.assert_allclose(points, feet * factors, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('GEOGCS["WGS 84",UNIT["degree",0.0174532925199433]]', "are degrees: expected metres"),
+        ('PROJCS["x",UNIT["kilometre",1000]]', "its unit is 1000 m: expected metres or feet"),
+    ],
+)
+def test_degrees_and_odd_units_are_refused(text: str, words: str, tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    (tmp_path / "a.las").write_bytes(las())
+    cloud = laspy.read(tmp_path / "a.las")
+    cloud.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(text))
+    cloud.write(tmp_path / "b.las")
+    with pytest.raises(InputError, match=rf"b\.las: .*{words}"):
+        read_cloud(tmp_path / "b.las")
+
+
+@pytest.mark.parametrize(
+    ("per_metre", "words"),
+    [(1.0, None), (1 / 0.3048, "likely feet"), (1000.0, "likely millimetres")],
+)
+def test_trees_that_are_too_tall_for_metres_are_told(
+    per_metre: float, words: str | None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 40, (2, 40_000))
+    z = 0.4 * x + rng.uniform(0, 28, 40_000)  # a slope
+    np.save(tmp_path / "a.npy", np.stack([x, y, z], -1) * per_metre)
+
+    read_cloud(tmp_path / "a.npy")
+
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == (words is not None)
+    assert words is None or ("a.npy" in told[0] and words in told[0])
 
 
 def test_lzf_repeats_bytes_that_it_appends() -> None:

@@ -40,6 +40,7 @@ def test_a_rig_that_states_all_hears_nothing(caplog: pytest.LogCaptureFixture) -
 def test_errors_are_read_from_a_text() -> None:
     read = RigUncertainty.from_text("scale=0.004, principal=1.2,mounting=1")
     assert read == RigUncertainty(0.004, 1.2, None, 1.0)
+    assert RigUncertainty.from_text("offset=0.03") == RigUncertainty(depth_offset_std_m=0.03)
 
 
 def test_a_value_out_of_range_is_named_as_it_was_given() -> None:

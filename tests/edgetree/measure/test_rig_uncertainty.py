@@ -50,6 +50,21 @@ def test_the_scale_of_the_depth_is_an_error_of_all_lengths(stand, sure):
     assert tree.taper_cm_per_m.std == pytest.approx(sure.taper_cm_per_m.std, rel=0.01)
 
 
+def test_an_offset_of_the_depth_is_in_distances_and_diameters(stand, sure):
+    rig = replace(EXACT_RIG, depth_offset_std_m=0.06)
+    tree = measured(stand, rig)
+    for name in ("distance_m", "axis_distance_m"):
+        std = added(getattr(tree, name).std, getattr(sure, name).std)
+        assert std == pytest.approx(0.06, rel=0.1), name
+    off_m = np.where(stand.depth_m > 0, stand.depth_m + np.float32(0.06), 0).astype(np.float32)
+    wrong = measured(stand, rig, depth_m=off_m)
+    for name in ("diameter_m", "dbh_m", "distance_m", "axis_distance_m"):
+        value, true = getattr(wrong, name), getattr(sure, name)
+        assert abs(value.value - true.value) < 1.3 * value.std, name
+        assert value.std > true.std, name
+    assert abs(wrong.distance_m.value - sure.distance_m.value) > 3 * sure.distance_m.std
+
+
 def test_what_is_said_of_a_scale_covers_a_scale_that_is_wrong(stand, sure):
     wrong = measured(stand, ROWS["scale"], depth_m=stand.depth_m * np.float32(1.01))
     for name in ("diameter_m", "distance_m", "axis_distance_m", "cut_height_m"):

@@ -42,6 +42,19 @@ def test_a_place_of_its_own_has_room_and_stands_above_the_ground():
     assert np.hypot(*(place[:2] - (500_005.0, 6_000_000.0))) > 1.0
 
 
+def test_a_place_among_stems_without_ground_is_as_high_above_their_feet():
+    rng = np.random.default_rng(0)
+    stems = [(5.0, 0.0), (8.0, 4.0), (3.0, 6.0), (9.0, -3.0)]
+    parts = []
+    for x, y in stems:
+        turn, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(200.0, 230.0, 4000)
+        parts.append(np.stack([x + 0.15 * np.cos(turn), y + 0.15 * np.sin(turn), z], -1))
+
+    place = viewpoint_m(np.concatenate(parts))
+
+    assert place[2] == pytest.approx(200.0 + 1.6, abs=0.3)
+
+
 def test_a_camera_of_its_own_sees_one_view(tmp_path):
     np.savez(tmp_path / "scan.npz", points=room())
     mounting = RigidTransform.mounting([2.0, 0.0, 0.0])

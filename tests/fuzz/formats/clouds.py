@@ -31,7 +31,7 @@ def _las() -> tuple[bytes, ...]:
         return ()
     packed = io.BytesIO()
     laspy.read(io.BytesIO(las())).write(packed, do_compress=True)
-    return las(), packed.getvalue()
+    return las(), las(feet=True), packed.getvalue()
 
 
 FORMATS = {
