@@ -331,5 +331,6 @@ class TreeDetector:
 
 def _with_ground(image: FrameImage) -> NDArray[np.float32] | None:
     """Depth in metres with a plane drawn in; None for all else, and where there is ground."""
-    is_depth = isinstance(image, np.ndarray) and image.dtype.kind == "f"
-    return with_ground(image) if is_depth else None
+    if isinstance(image, ColourAndDepth) or image.dtype.kind != "f":
+        return None
+    return with_ground(image)
