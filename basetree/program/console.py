@@ -143,9 +143,9 @@ BAR_STREAM = cast("TextIO", _BarStream())
 """Where the state of steps goes."""
 
 
-def print_json(value: dict[str, Any]) -> None:
-    """Print one JSON object on stdout."""
-    typer.echo(json.dumps(value, allow_nan=False))
+def print_json(value: dict[str, Any], indent: int | None = None) -> None:
+    """Print one JSON object on stdout, on one line if no indent is given."""
+    typer.echo(json.dumps(value, allow_nan=False, indent=indent))
 
 
 def print_found(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, tell
+from basetree.program.console import note, print_json, tell
 
 SchemaName: TypeAlias = Annotated[
     str | None,
@@ -24,7 +23,7 @@ def print_schema(
 ) -> None:
     """Print a JSON Schema, or list the names with an example of the command."""
     if name is not None:
-        typer.echo(json.dumps(make(name), indent=2))
+        print_json(make(name), indent=2)
         return
     for each in names:
         tell(each)
