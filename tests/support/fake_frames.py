@@ -20,8 +20,12 @@ sys.modules[module.fake.__name__] = module.fake
 def environment(folder: Path, frame_seconds: float = 0.0) -> dict[str, str]:
     """The environment of such processes; `folder` gets a module that they import."""
     (folder / "sitecustomize.py").write_text(STARTED_IN_EVERY_PROCESS)
+    kernels = folder / "__pycache__" / "kernels"
+    kernels.mkdir(parents=True, exist_ok=True)
+    (kernels / "fake.nbi").touch()  # or the first simulation says that it compiles
     return {
         **os.environ,
+        "NUMBA_CACHE_DIR": str(kernels),
         "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
         "FAKE_FRAME_SECONDS": str(frame_seconds),
         "RAY_USAGE_STATS_ENABLED": "0",

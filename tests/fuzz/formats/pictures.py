@@ -75,11 +75,11 @@ def _heic() -> tuple[bytes, ...]:
 
 
 def _heic_depth() -> tuple[bytes, ...]:
-    """HEIF with depth images of all kinds; none without the package that writes them."""
+    """HEIF with depth images in metres; none without the package that writes them."""
     if find_spec("pillow_heif") is None:
         return ()
-    big, grey = np.repeat(np.repeat(_COLOUR, 8, 0), 8, 1), np.full((32, 40), 90, np.uint8)
-    return tuple(heic_with_depth(big, grey, kind, 0.5, 5.0) for kind in (None, 0, 1, 2))
+    big, grey = np.repeat(np.repeat(_COLOUR, 8, 0), 8, 1), np.full((24, 32), 90, np.uint8)
+    return tuple(heic_with_depth(big, grey, kind, 0.5, 5.0) for kind in (0, 2))
 
 
 _DEPTHS = (

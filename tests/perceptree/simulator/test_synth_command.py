@@ -71,6 +71,7 @@ def test_json_is_one_object(call: Call, tmp_path: Path):
     code, printed, told = call("synth", "--out", tmp_path, "--frames", 8, *SMALL, "--json")
     assert (code, told) == (0, "")
     assert json.loads(printed) == {
+        "schema": "perceptree.synth/1",
         "directory": str(tmp_path),
         "frames": {"train": 4, "val": 2, "test": 2},
         "trees": {"train": 6, "val": 3, "test": 3},
