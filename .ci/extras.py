@@ -31,7 +31,7 @@ MISSING: dict[str, set[tuple[str, str]]] = {
     "gpu": {(python, name) for python in PYTHONS for name in (ARM, MAC)},
     "openvino": {(python, name) for python in PYTHONS for name in (ARM, MAC)},
     "realsense": {(python, MAC) for python in PYTHONS} | {("3.11", ARM), ("3.13", ARM)},
-    "orbbec": {("3.11", MAC), ("3.11", ARM)},
+    "orbbec": {("3.11", MAC)},
     "directml": {(python, name) for python in PYTHONS for name in (LINUX, ARM, MAC)},
 }
 NOT_TRIED = {"dev", "docs"}  # what they need is pinned in requirements/dev.txt

@@ -1,6 +1,7 @@
 """The set-up commands and the pinned requirements are what the README promises."""
 
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -94,6 +95,13 @@ def test_what_the_project_declares_is_pinned() -> None:
     for extra in ("sign", "record", "fleet"):
         names = {re.split(r"[<>=]", line)[0] for line in extras[extra]}
         assert names <= pins(f"{extra}.txt").keys()
+
+
+def test_the_page_of_systems_names_each_extra_that_cannot_be_installed_everywhere() -> None:
+    missing = runpy.run_path(str(ROOT / ".ci" / "extras.py"))["MISSING"]
+    page = (ROOT / "docs" / "reference" / "systems.md").read_text("utf-8")
+    table = page.partition("## Extras\n")[2].partition("\n## ")[0]
+    assert set(re.findall(r"(?m)^\| `(\w+)` \|", table)) == set(missing)
 
 
 @pytest.mark.parametrize("name", REQUIREMENTS)

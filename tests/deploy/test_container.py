@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import shutil
@@ -18,6 +19,7 @@ import pytest
 from edgetree.live.health import ServiceHealth
 from edgetree.live.page import PageServer
 from edgetree.live.status import LiveStatus
+from edgetree.signing.used_versions import used_file
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -62,11 +64,30 @@ def test_the_image_holds_the_packages_of_the_wheel_and_what_is_pinned() -> None:
 def test_it_runs_without_root_and_writes_to_the_results_alone() -> None:
     (user,) = values("USER")
     assert user == "10001:10001"
-    assert values("VOLUME") == values("WORKDIR")[-1:] == ["/results"]
+    assert values("WORKDIR")[-1:] == ["/results"]
     assert "HOME=/results" in values("ENV")[0]
+    made = next(value for value in values("RUN") if "useradd" in value)
+    for folder in json.loads(values("VOLUME")[0]):
+        assert re.search(rf"install -d -o edgetree -g edgetree [^&]*{folder}\b", made)
     assert values("ENTRYPOINT") == ['["edgetree"]']
     path = re.findall(r'"(/opt/edgetree/\S+\.py)"', values("HEALTHCHECK")[0])
     assert f"deploy/{Path(path[0]).name} {path[0]}" in values("COPY")
+
+
+def test_the_versions_of_signed_models_are_in_a_volume_and_the_keys_may_be_mounted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in re.findall(r"([A-Z_]+)=(\S+)", values("ENV")[0]):
+        if name != "PATH":
+            monkeypatch.setenv(name, value)
+    volumes = [Path(folder) for folder in json.loads(values("VOLUME")[0])]
+    assert used_file().parent in volumes
+    assert used_file().parent != Path(values("WORKDIR")[-1])
+    assert any("install -d /etc/edgetree" in value for value in values("RUN"))  # see signing.trust
+    # What checks signatures is pinned, and can be asked for at the build.
+    install = next(value for value in values("RUN") if "runtime.txt" in value)
+    assert "${ALSO}" in install
+    assert "cryptography==" in (ROOT / "requirements" / "sign.txt").read_text("utf-8")
 
 
 def test_the_page_is_healthy_with_and_without_a_token_until_it_is_closed() -> None:

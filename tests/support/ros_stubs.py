@@ -23,6 +23,10 @@ _KINDS = {"double": float, "float": float, "string": str, "boolean": bool, "octe
 _CODES = {"double": "d", "float": "f", "uint8": "B"}
 
 
+class InvalidParameterTypeException(Exception):
+    """As of rclpy: a value of another type than the default of a parameter."""
+
+
 def message_modules() -> dict[str, ModuleType]:
     """The modules `PACKAGE.msg` of all packages."""
     store = RosMessages().store
@@ -143,6 +147,7 @@ class Graph:
             },
             "rclpy.node": {"Node": _node_class(graph)},
             "rclpy.executors": {"ExternalShutdownException": type("Shut", (Exception,), {})},
+            "rclpy.exceptions": {"InvalidParameterTypeException": InvalidParameterTypeException},
             "rclpy.qos": {
                 "QoSProfile": lambda **given: SimpleNamespace(**given),
                 "ReliabilityPolicy": SimpleNamespace(RELIABLE="reliable"),
@@ -166,6 +171,12 @@ class Graph:
         return made
 
 
+def _check_type(name: str, default: Any, given: Any) -> None:
+    """Refuse a value of another type than the default, as rclpy does."""
+    if None not in (default, given) and type(given) is not type(default):
+        raise InvalidParameterTypeException(f"{name} has the wrong type {type(given)}")
+
+
 def _node_class(graph: Graph) -> type:
     class Node:
         def __init__(self, name: str) -> None:
@@ -173,6 +184,7 @@ def _node_class(graph: Graph) -> type:
 
         def declare_parameter(self, name: str, value: Any, descriptor: Any) -> None:
             assert (value is None) == descriptor.dynamic_typing
+            _check_type(name, value, graph.parameters.get(name))
             graph.declared[name] = (value, descriptor)
 
         def get_parameter(self, name: str) -> Any:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_ori
 
 import typer
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException
 
 from basetree.errors import InputError
 from edgetree.commands.live_options import LiveMetresOptions
@@ -70,11 +71,14 @@ def _read(node: Any, group: type[_T]) -> _T:
         kind, words = _kind_and_help(hints[entry.name])
         # Without a default a parameter has no type, until it is given.
         is_open = entry.default is None
-        node.declare_parameter(
-            entry.name,
-            None if is_open else entry.default,
-            ParameterDescriptor(description=words, read_only=True, dynamic_typing=is_open),
-        )
+        about = ParameterDescriptor(description=words, read_only=True, dynamic_typing=is_open)
+        try:
+            node.declare_parameter(entry.name, None if is_open else entry.default, about)
+        except InvalidParameterTypeException as error:  # also a whole number for a float
+            expected = _EXPECTED.get(kind, "a text")
+            if kind is float:
+                expected += " with a point, such as 1.0"
+            raise InputError(f"parameter {entry.name}: {error}: expected {expected}") from error
         given = node.get_parameter(entry.name).value
         values[entry.name] = (
             entry.default if given in (None, "") else _converted(entry.name, given, kind)
