@@ -45,6 +45,14 @@ def settings(synth: ModuleType) -> SimulatorSettings:
     return synth.small_settings()
 
 
+@pytest.fixture(autouse=True)
+def nothing_to_compile(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch):
+    """Processes find compiled kernels, so that they do not say that they compile."""
+    kernels = tmp_path_factory.mktemp("kernels")
+    (kernels / "fake.nbi").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
+
+
 def command(out: Path, *more: object, frames: int = FRAMES) -> list[str]:
     options = {
         "--out": out,
