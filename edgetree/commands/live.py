@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -119,7 +119,12 @@ def live(
     takes_depth = detector.manifest.takes_depth
     others = (record_options.record, page_options.page, page_options.serve)
     guarded = GuardedOutputs(others=any(others))
-    about = {"source": shown, "score_threshold": score_threshold, "rig": rig, "settings": settings}
+    about: dict[str, Any] = {
+        "source": shown,
+        "score_threshold": score_threshold,
+        "rig": rig,
+        "settings": settings,
+    }
     with (
         warnings_shown(),
         record_options.recording(lambda: run_record(model_path, **about)) as recorder,
