@@ -83,14 +83,14 @@ def read_values(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: cannot be read ({error.strerror}), {expected}") from error
     if data.startswith(_ZIP):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
-    header = checked_header(data, str(path))
-    if header is not None and header.format_name == heif.FORMAT_NAME:
-        return _read_heif(path, data, header)
     if data.startswith(_EXR):
         raise InputFileError(
             f"{path}: OpenEXR, expected a depth map as PNG, TIFF or .npy: OpenCV reads it with"
             " OPENCV_IO_ENABLE_OPENEXR=1 set, and numpy.save writes .npy (docs/guides/phones.md)"
         )
+    header = checked_header(data, str(path))
+    if header is not None and header.format_name == heif.FORMAT_NAME:
+        return _read_heif(path, data, header)
     image = decode_image(data, cv2.IMREAD_UNCHANGED, str(path))
     if image is not None and image.ndim == 2 and data.startswith(_JPEG):
         raise InputFileError(

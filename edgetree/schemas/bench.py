@@ -100,7 +100,7 @@ class Row(TypedDict):
     file_bytes: Count
     file_sha256: str
     backbone: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     target: str
     precision: str
     provider: str

@@ -19,13 +19,13 @@ class Model(TypedDict):
     path: NotRequired[str]
     kind: NotRequired[str]
     backbone: NotRequired[str | None]
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     precision: str
     provider: NotRequired[str]
     input_px: Sides
     detections: NotRequired[Count]
     lowest_score: NotRequired[Share]
-    training: NotRequired[dict[str, Any] | None]
+    training: NotRequired[dict[str, Any] | str | None]
 
 
 class Data(TypedDict):

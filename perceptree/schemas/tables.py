@@ -94,7 +94,7 @@ class Row(TypedDict):
 
     tasks: str
     model: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     seeds: list[int]
     steps: list[int]
     scores: dict[str, Score | None]

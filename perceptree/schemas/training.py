@@ -50,7 +50,7 @@ class Network(TypedDict):
     """Everything that a network is built from; `perceptree.models.ModelSpec` says what it means."""
 
     name: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     height: Side
     width: Side
     mean: list[float]
@@ -80,6 +80,10 @@ class Network(TypedDict):
     detections: Side
     score_threshold: Share
     nms_iou: Share
+    colour_backbone: NotRequired[str]
+    colour_mean: NotRequired[list[float]]
+    colour_std: NotRequired[list[float]]
+    colour_pad_value: NotRequired[Count]
 
 
 class Checkpoint(TypedDict):
@@ -97,7 +101,7 @@ class Import(TypedDict):
     checkpoint: str
     model: str | None
     backbone: str
-    modality: Literal["rgb", "depth"]
+    modality: Literal["rgb", "depth", "both"]
     height: Side
     width: Side
     stride_in: Literal["1x1", "3x3"]

@@ -26,6 +26,7 @@ def manifest_of_both(depth: Manifest) -> Manifest:
         modality="both",
         input=inputs[1],
         inputs=inputs,
+        thresholds=dataclasses.replace(depth.thresholds, score_input=None),
         training_pictures=tuple(UsualRange(name, *limits) for name, limits in USUAL.items()),
     )
 

@@ -40,7 +40,10 @@ _TREE = {"score": 0.9, "box_px": [1, 2, 30, 40], "keypoints_px": _POINTS, "mask"
 _FOUND = {
     "schema": RESULTS_SCHEMA,
     **dict.fromkeys(("model_sha256", "runtime", "runtime_version", "processor"), "x"),
-    "frames": [{"name": "a", "trees": [_TREE], "covered": [{"by": 0, "tree": _TREE}]}],
+    "frames": [
+        {"name": "a", "trees": [_TREE], "covered": [{"by": 0, "tree": _TREE}]},
+        {"name": "b", "trees": []},
+    ],
 }
 _MODEL = b"a model"
 _CARD = {
