@@ -26,6 +26,7 @@ class Model(TypedDict):
     detections: NotRequired[Count]
     lowest_score: NotRequired[Share]
     training: NotRequired[dict[str, Any] | str | None]
+    weights_sha256: NotRequired[str]
 
 
 class Data(TypedDict):
