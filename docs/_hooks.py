@@ -118,7 +118,7 @@ def _schema_table(program: str) -> Iterator[str]:
     """A row for each JSON Schema of a program: its name, what it is of, and its keys."""
     schemas = importlib.import_module(f"{program}.schemas")
 
-    yield "| Schema | What has it | Keys (in italics if not always there) |\n| --- | --- | --- |"
+    yield "| Schema | What has it, and its keys (in italics if not always there) |\n| --- | --- |"
     for name in schemas.schema_names():
         schema = schemas.json_schema(name)
         made = schema["$defs"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
@@ -129,7 +129,7 @@ def _schema_table(program: str) -> Iterator[str]:
             for key in made.get("properties", ())
             if key != "schema"
         ]
-        yield f"| `{name}` | {words} | {', '.join(keys) or '–'} |"
+        yield f"| `{name}` | {words}<br>{', '.join(keys)} |"
 
 
 def _value(name: str, unit: str) -> str:
