@@ -1,8 +1,7 @@
 """Fixtures of the simulator's tests: fake frames without rendering, and small scenes."""
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -31,20 +30,19 @@ def synth() -> ModuleType:
     return fake_synth
 
 
-@contextlib.contextmanager
-def _faked(synth: ModuleType) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, synth.fake.__name__, synth.fake)
-        patch.setattr(generate, "draw_scenes", synth.draw_here)
-        patch.setattr(shards, "draw_scenes", synth.draw_here)
-        yield
+def _fake(synth: ModuleType, patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(sys.modules, synth.fake.__name__, synth.fake)
+    patch.setattr(generate, "draw_scenes", synth.draw_here)
+    patch.setattr(shards, "draw_scenes", synth.draw_here)
 
 
 @pytest.fixture
-def in_process(synth: ModuleType) -> Iterator[None]:
-    """Fake frames, made one after the other in this process."""
-    with _faked(synth):
-        yield
+def in_process(synth: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fake frames, made one after the other in this process.
+
+    By the test's own `monkeypatch`, so that what the test replaces after it is put back before it.
+    """
+    _fake(synth, monkeypatch)
 
 
 @pytest.fixture(scope="session")
@@ -55,7 +53,8 @@ def fake_dataset(
 
     def make(frames: int) -> Path:
         directory = tmp_path_factory.mktemp("forest")
-        with _faked(synth):
+        with pytest.MonkeyPatch.context() as patch:
+            _fake(synth, patch)
             generate_dataset(directory, frames, synth.small_settings(), 3)
         return directory
 
