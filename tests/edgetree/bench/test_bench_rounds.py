@@ -150,7 +150,7 @@ def test_the_profile_finds_the_expensive_operators() -> None:
     assert sum(found.parts_ms.values()) == pytest.approx(
         sum(each.ms for each in found.operators), rel=1e-6
     )
-    assert found.parts_ms["heads"] > found.parts_ms["pyramid"] > 0
+    assert all(found.parts_ms[part] > 0 for part in ("trunk", "pyramid", "heads"))
 
 
 def test_a_matrix_product_costs_rows_times_columns_times_their_length(tmp_path: Path) -> None:
