@@ -11,7 +11,8 @@ import numpy as np
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
-from edgetree.model_file.manifest import COLOUR, Manifest
+from edgetree.model_file.inputs_outputs import COLOUR
+from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.input_images import by_input
 from edgetree.runtime.session import InferenceSession

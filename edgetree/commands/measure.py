@@ -109,7 +109,7 @@ class _Inputs:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
         from edgetree.results.pictures import PICTURE_SUFFIXES
-        from edgetree.sources.files import depth_alone
+        from edgetree.sources.folders import depth_alone
         from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.videos import is_video
 
@@ -155,7 +155,7 @@ class _Inputs:
         from edgetree.frames.images import read_masks
         from edgetree.frames.pipeline import measure_frame, process
         from edgetree.sources import open_source
-        from edgetree.sources.files import depth_alone
+        from edgetree.sources.folders import depth_alone
         from edgetree.sources.stereo import open_stereo
 
         takes_depth = detector is not None and detector.manifest.takes_depth

@@ -19,18 +19,20 @@ from edgetree.export.quantise import quantise, weight_bits
 from edgetree.export.quiet import quiet
 from edgetree.export.rewrites import rewrite_for_export
 from edgetree.export.settings import EVERY_ROW_TARGETS, OPSET, PRECISIONS, ExportSettings
+from edgetree.model_file.inputs_outputs import (
+    InputSpec,
+    standard_input,
+    standard_inputs,
+    standard_outputs,
+)
 from edgetree.model_file.manifest import (
     METADATA_KEY,
     SCORE_INPUT,
     ClassifierCost,
-    InputSpec,
     Manifest,
     ResizeRule,
     Thresholds,
     UsualRange,
-    standard_input,
-    standard_inputs,
-    standard_outputs,
 )
 from edgetree.runtime.session import InferenceSession, OrtSession
 

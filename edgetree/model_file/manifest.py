@@ -11,95 +11,30 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 from basetree.errors import InputError
 from basetree.files.json import build, parse_json
-from edgetree.detections import ERROR_FACTORS, KEYPOINT_NAMES, MASK_SIZE
+from edgetree.detections import ERROR_FACTORS, KEYPOINT_NAMES
 from edgetree.errors import ModelFileError
+from edgetree.model_file.inputs_outputs import (
+    COLOUR,
+    COLOUR_ORDERS,
+    DEPTH,
+    LAYOUTS,
+    MODALITIES,
+    InputSpec,
+    OutputSpec,
+    require,
+)
 
 METADATA_KEY: Final = "edgetree.manifest"
 SCHEMA: Final = "edgetree.manifest/1"
 SCORE_INPUT: Final = "score_threshold"
 """Name of the graph's optional input, see `Thresholds.score_input`."""
 RESIZE_RULE: Final = "letterbox-top-left"
-COLOUR: Final = "colour"
-DEPTH: Final = "depth"
-_LAYOUTS: Final = {"rgb": "BHWC", "depth": "BHW", "both": "BHW"}
 _CHANNELS: Final = {"rgb": (3,), "depth": (1, 3), "both": (1, 3)}
-_COLOUR_ORDERS: Final = {"rgb": "BGR", "depth": "depth", "both": "depth"}
-_MODALITIES: Final = "'rgb', 'depth' or 'both'"
-_NO_COLOUR: Final = 0
-_LARGEST_BYTE: Final = 255
-
-
-def _require(condition: bool, what: str, value: object, expected: str) -> None:
-    if not condition:
-        raise ModelFileError(f"manifest: {what} is {value!r}: expected {expected}")
-
-
-@dataclass(frozen=True)
-class InputSpec:
-    """An input of the graph without a default.
-
-    Attributes:
-        name: Name of the input.
-        height: Height in pixels.
-        width: Width in pixels.
-        layout: The axes, "BHWC" of colour and "BHW" of depth.
-        dtype: Always "uint8".
-        colour_order: "BGR" or "depth".
-        batch_sizes: Batch sizes that the export has verified.
-        pad_value: Value of the letterbox borders, where a model has several inputs; None is that of
-            the manifest's `resize`.
-        nothing: An image of this value alone stands for none, where a model has several inputs.
-
-    Raises:
-        ModelFileError: a value is out of range.
-    """
-
-    name: str
-    height: int
-    width: int
-    layout: str
-    dtype: str
-    colour_order: str
-    batch_sizes: tuple[int, ...] = (1,)
-    pad_value: int | None = None
-    nothing: int | None = None
-
-    def __post_init__(self) -> None:
-        _require(min(self.height, self.width) >= 32, "input size", self.size_text, "32x32 or more")
-        _require(self.dtype == "uint8", "input dtype", self.dtype, "'uint8'")
-        sizes = self.batch_sizes
-        expected = "at least one number, all of them 1 or more"
-        _require(bool(sizes) and min(sizes) > 0, "input batch_sizes", sizes, expected)
-        for name in ("pad_value", "nothing"):
-            value = getattr(self, name)
-            fits = value is None or 0 <= value <= _LARGEST_BYTE
-            _require(fits, f"input {name}", value, f"0 to {_LARGEST_BYTE}")
-
-    @property
-    def size_text(self) -> str:
-        """WIDTHxHEIGHT in pixels, for messages."""
-        return f"{self.width}x{self.height}"
-
-    @property
-    def image_shape(self) -> tuple[int, ...]:
-        """Shape of one image: (H, W, 3) or (H, W)."""
-        return (self.height, self.width, 3)[: len(self.layout) - 1]
-
-
-@dataclass(frozen=True)
-class OutputSpec:
-    """One output of the graph. In `shape`, the text "B" stands for the batch size."""
-
-    name: str
-    shape: tuple[int | str, ...]
-    dtype: str
-    unit: str
-    meaning: str
 
 
 @dataclass(frozen=True)
@@ -110,8 +45,8 @@ class ResizeRule:
     pad_value: int = 0
 
     def __post_init__(self) -> None:
-        _require(self.rule == RESIZE_RULE, "resize rule", self.rule, repr(RESIZE_RULE))
-        _require(0 <= self.pad_value <= 255, "resize pad_value", self.pad_value, "0 to 255")
+        require(self.rule == RESIZE_RULE, "resize rule", self.rule, repr(RESIZE_RULE))
+        require(0 <= self.pad_value <= 255, "resize pad_value", self.pad_value, "0 to 255")
 
 
 @dataclass(frozen=True)
@@ -135,10 +70,10 @@ class Thresholds:
 
     def __post_init__(self) -> None:
         known = self.score_input in (None, SCORE_INPUT)
-        _require(known, "threshold score_input", self.score_input, f"{SCORE_INPUT!r} or null")
+        require(known, "threshold score_input", self.score_input, f"{SCORE_INPUT!r} or null")
         for name in ("score", "nms_iou", "mask_overlap"):
             value = getattr(self, name)
-            _require(0.0 <= value <= 1.0, f"threshold {name}", value, "0 to 1")
+            require(0.0 <= value <= 1.0, f"threshold {name}", value, "0 to 1")
 
 
 @dataclass(frozen=True)
@@ -166,7 +101,7 @@ class UsualRange:
     def __post_init__(self) -> None:
         found = (self.low, self.high)
         is_range = -math.inf < self.low <= self.high < math.inf
-        _require(is_range, f"range of {self.statistic}", found, "low <= high")
+        require(is_range, f"range of {self.statistic}", found, "low <= high")
 
 
 @dataclass(frozen=True)
@@ -246,46 +181,46 @@ class Manifest:
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:
-        _require(self.schema == SCHEMA, "schema", self.schema, repr(SCHEMA))
-        _require(self.modality in _LAYOUTS, "modality", self.modality, _MODALITIES)
+        require(self.schema == SCHEMA, "schema", self.schema, repr(SCHEMA))
+        require(self.modality in LAYOUTS, "modality", self.modality, MODALITIES)
         smallest, largest = ERROR_FACTORS
         plausible = smallest <= self.error_factor <= largest
         expected = f"{smallest:g} to {largest:g}"
-        _require(plausible, "error_factor", self.error_factor, expected)
-        layout, order = _LAYOUTS[self.modality], _COLOUR_ORDERS[self.modality]
-        _require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
+        require(plausible, "error_factor", self.error_factor, expected)
+        layout, order = LAYOUTS[self.modality], COLOUR_ORDERS[self.modality]
+        require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
         colour = self.input.colour_order
-        _require(colour == order, "input colour_order", colour, repr(order))
+        require(colour == order, "input colour_order", colour, repr(order))
         for name in ("mean", "std"):
             values = getattr(self, name)
             allowed = _CHANNELS[self.modality]
             expected = f"{' or '.join(map(str, allowed))} number(s)"
-            _require(len(values) in allowed, name, values, expected)
+            require(len(values) in allowed, name, values, expected)
         has_encoding = self.depth_encoding is not None
         expected = "a depth encoding for a model that takes depth, and null for an rgb model"
         needs_encoding = self.modality != "rgb"
-        _require(has_encoding == needs_encoding, "depth_encoding", self.depth_encoding, expected)
+        require(has_encoding == needs_encoding, "depth_encoding", self.depth_encoding, expected)
         names = self.keypoint_names
         expected_names = KEYPOINT_NAMES if self.has_output("keypoints") else ()
-        _require(names == expected_names, "keypoint_names", names, repr(expected_names))
+        require(names == expected_names, "keypoint_names", names, repr(expected_names))
         needed = {"boxes", "scores", "num_detections"}
-        _require(all(map(self.has_output, needed)), "outputs", self.output_names, f"{needed}")
+        require(all(map(self.has_output, needed)), "outputs", self.output_names, f"{needed}")
         self._check_inputs()
 
     def _check_inputs(self) -> None:
         """Check the list of inputs, which a model of both has."""
         found = tuple(each.name for each in self.inputs)
         expected = (COLOUR, DEPTH) if self.modality == "both" else ()
-        _require(found == expected, "inputs", found, f"{expected} for {self.modality}")
+        require(found == expected, "inputs", found, f"{expected} for {self.modality}")
         if not self.inputs:
             return
         colour, depth = self.inputs
-        _require(depth == self.input, "input", self.input.name, "the depth of inputs")
+        require(depth == self.input, "input", self.input.name, "the depth of inputs")
         shape = (colour.layout, colour.colour_order, colour.height, colour.width)
         wanted = ("BHWC", "BGR", depth.height, depth.width)
-        _require(shape == wanted, "input colour", shape, repr(wanted))
+        require(shape == wanted, "input colour", shape, repr(wanted))
         for each in self.inputs:
-            _require(each.nothing is not None, f"input {each.name} nothing", None, "0 to 255")
+            require(each.nothing is not None, f"input {each.name} nothing", None, "0 to 255")
 
     @property
     def takes_depth(self) -> bool:
@@ -339,77 +274,14 @@ class Manifest:
         except ValueError as error:
             raise ModelFileError(f"manifest: not JSON ({error})") from error
         schema = data.get("schema") if isinstance(data, dict) else None
-        _require(schema == SCHEMA, "schema", schema, repr(SCHEMA))
+        require(schema == SCHEMA, "schema", schema, repr(SCHEMA))
         try:
             return build(cls, data, "manifest")
         except InputError as error:
             raise ModelFileError(str(error)) from error
 
 
-def standard_input(modality: str, height: int, width: int) -> InputSpec:
-    """The input of all models of this project for a modality, "rgb" or "depth".
-
-    Raises:
-        ModelFileError: Another modality, or a size below 32x32 px.
-    """
-    _require(modality in _LAYOUTS, "modality", modality, _MODALITIES)
-    layout, order = _LAYOUTS[modality], _COLOUR_ORDERS[modality]
-    return InputSpec("image", height, width, layout, "uint8", order)
-
-
 def optional_inputs(manifest: Manifest) -> dict[str, tuple[int | str, ...]]:
     """Shapes of the inputs that have a default in the graph, by name."""
     name = manifest.thresholds.score_input
     return {} if name is None else {name: (1,)}
-
-
-def standard_inputs(
-    height: int, width: int, *, pad_values: tuple[int, int], no_depth: int
-) -> tuple[InputSpec, InputSpec]:
-    """The colour input and the depth input of all models of this project that take both.
-
-    Args:
-        height: Height in pixels.
-        width: Width in pixels.
-        pad_values: Values of the letterbox borders, of colour and of depth.
-        no_depth: Value of a depth without reading.
-
-    Raises:
-        ModelFileError: a value is out of range.
-    """
-    colour, depth = (standard_input(modality, height, width) for modality in ("rgb", "depth"))
-    return (
-        replace(colour, name=COLOUR, pad_value=pad_values[0], nothing=_NO_COLOUR),
-        replace(depth, name=DEPTH, pad_value=pad_values[1], nothing=no_depth),
-    )
-
-
-def standard_outputs(
-    detections: int, *, keypoints: bool = True, masks: bool = True
-) -> tuple[OutputSpec, ...]:
-    """The outputs of all models of this project, in their order.
-
-    Args:
-        detections: Number of rows per image. Rows from `num_detections` on are zero.
-        keypoints: Whether the model has a keypoint output.
-        masks: Whether the model has a mask output.
-    """
-    rows: tuple[int | str, ...] = ("B", detections)
-    boxes = OutputSpec("boxes", (*rows, 4), "float32", "px of the input", "x0, y0, x1, y1")
-    scores = OutputSpec("scores", rows, "float32", "1", "probability of a tree, descending")
-    points = OutputSpec(
-        "keypoints",
-        (*rows, len(KEYPOINT_NAMES), 3),
-        "float32",
-        "px of the input, px of the input, 1",
-        "x, y, score (softmax peak)",
-    )
-    grids = OutputSpec(
-        "masks",
-        (*rows, MASK_SIZE, MASK_SIZE),
-        "float32",
-        "1",
-        "probability on a grid over the box",
-    )
-    count = OutputSpec("num_detections", ("B",), "int64", "1", "rows in use")
-    return (boxes, scores, *([points] * keypoints), *([grids] * masks), count)

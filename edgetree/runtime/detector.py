@@ -14,7 +14,7 @@ import calib
 from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
-from edgetree.model_file.manifest import InputSpec
+from edgetree.model_file.inputs_outputs import InputSpec
 from edgetree.runtime.drawn_ground import with_ground
 from edgetree.runtime.duplicates import distinct_trees, joined
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest

@@ -15,12 +15,8 @@ from basetree.arrays import Float32
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
 from edgetree.model_file.graph_rules import MAX_ELEMENTS
-from edgetree.model_file.manifest import (
-    METADATA_KEY,
-    Manifest,
-    optional_inputs,
-    standard_outputs,
-)
+from edgetree.model_file.inputs_outputs import standard_outputs
+from edgetree.model_file.manifest import METADATA_KEY, Manifest, optional_inputs
 from edgetree.model_file.safety_check import Shape
 from edgetree.runtime.session import InferenceSession
 

@@ -11,7 +11,8 @@ import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
 from calib.depth.convention import refuse_millimetres
-from edgetree.model_file.manifest import COLOUR, DEPTH, Manifest
+from edgetree.model_file.inputs_outputs import COLOUR, DEPTH
+from edgetree.model_file.manifest import Manifest
 
 _LARGEST_SIDE_PX: Final = 32767
 

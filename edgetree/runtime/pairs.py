@@ -12,7 +12,8 @@ import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
 from edgetree.detections import OneImage, UnlikeTraining
-from edgetree.model_file.manifest import COLOUR, DEPTH, Manifest
+from edgetree.model_file.inputs_outputs import COLOUR, DEPTH
+from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.image_shift import unlike_training
 from edgetree.runtime.input_images import check_image, to_bytes
 

@@ -9,7 +9,7 @@ from calib.clouds import is_cloud_file
 from edgetree.catalogue import suited_model
 from edgetree.sources.bags.names import is_bag
 from edgetree.sources.drive import is_drive
-from edgetree.sources.files import depth_alone, depth_inside, has_images
+from edgetree.sources.folders import depth_alone, depth_inside, has_images
 from edgetree.sources.live import VENDORS, is_camera
 from edgetree.sources.phones.opening import is_capture
 

@@ -11,7 +11,8 @@ from basetree.errors import InputError
 from edgetree.frames.rig import Rig
 from edgetree.sources.bags.names import is_bag
 from edgetree.sources.drive import is_drive, open_drive
-from edgetree.sources.files import has_images, open_source
+from edgetree.sources.files import open_source
+from edgetree.sources.folders import has_images
 from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.source import FrameSource
 

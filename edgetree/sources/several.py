@@ -12,14 +12,8 @@ from typing import NamedTuple
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.sources.files import (
-    as_typed,
-    depth_alone,
-    folder_files,
-    open_image_files,
-    open_source,
-    with_depth,
-)
+from edgetree.sources.files import as_typed, open_image_files, open_source
+from edgetree.sources.folders import depth_alone, folder_files, with_depth
 from edgetree.sources.opening import is_stream
 from edgetree.sources.picture_names import is_image_name
 from edgetree.sources.source import BaseSource, FrameSource

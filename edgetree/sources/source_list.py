@@ -11,7 +11,8 @@ from pathlib import Path
 from basetree.errors import InputError
 from calib.clouds import is_cloud_file
 from edgetree.sources.depth_there import has_depth
-from edgetree.sources.files import as_typed, depth_inside
+from edgetree.sources.files import as_typed
+from edgetree.sources.folders import depth_inside
 from edgetree.sources.opening import is_stream
 from edgetree.sources.picture_names import in_order, is_image_name
 from edgetree.sources.videos import is_video

@@ -23,14 +23,8 @@ import edgetree.frames.rig
 from edgetree import cli
 from edgetree.catalogue import default_model
 from edgetree.detections import KEYPOINT_NAMES
-from edgetree.model_file.manifest import (
-    METADATA_KEY,
-    Manifest,
-    ResizeRule,
-    Thresholds,
-    standard_input,
-    standard_outputs,
-)
+from edgetree.model_file.inputs_outputs import standard_input, standard_outputs
+from edgetree.model_file.manifest import METADATA_KEY, Manifest, ResizeRule, Thresholds
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.samples import sample_frames
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from edgetree.catalogue import KnownModel, default_model
-from edgetree.model_file.manifest import METADATA_KEY, Manifest, UsualRange, standard_inputs
+from edgetree.model_file.inputs_outputs import standard_inputs
+from edgetree.model_file.manifest import METADATA_KEY, Manifest, UsualRange
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.session import FakeSession
 

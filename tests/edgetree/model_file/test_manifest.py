@@ -14,14 +14,13 @@ from hypothesis import strategies as st
 from basetree.errors import EdgetreeError
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.errors import ModelFileError
+from edgetree.model_file.inputs_outputs import standard_input, standard_outputs
 from edgetree.model_file.manifest import (
     ClassifierCost,
     Manifest,
     ResizeRule,
     Thresholds,
     UsualRange,
-    standard_input,
-    standard_outputs,
 )
 
 COUNTS = st.integers(0, 2**53)

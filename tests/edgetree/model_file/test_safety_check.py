@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edgetree.errors import ModelFileError
-from edgetree.model_file.manifest import Manifest, standard_outputs
+from edgetree.model_file.inputs_outputs import standard_outputs
+from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import Shape, read_model_file
 from edgetree.runtime import TreeDetector, default_model

@@ -12,13 +12,8 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
-from edgetree.model_file.manifest import (
-    SCORE_INPUT,
-    Manifest,
-    Thresholds,
-    standard_input,
-    standard_outputs,
-)
+from edgetree.model_file.inputs_outputs import standard_input, standard_outputs
+from edgetree.model_file.manifest import SCORE_INPUT, Manifest, Thresholds
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.session import FakeSession
 
