@@ -18,6 +18,7 @@ LARGEST_BYTE: Final = 255
 
 
 def require(condition: bool, what: str, value: object, expected: str) -> None:
+    """Raise ModelFileError with a value of the manifest and what was expected."""
     if not condition:
         raise ModelFileError(f"manifest: {what} is {value!r}: expected {expected}")
 
