@@ -113,6 +113,8 @@ class _Inputs:
         from edgetree.sources.phones.opening import is_capture
         from edgetree.sources.videos import is_video
 
+        if not image.exists():
+            raise InputError(f"{image} does not exist: expected an image")
         if image.is_dir() or is_capture(image) or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"

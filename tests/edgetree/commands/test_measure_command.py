@@ -217,6 +217,7 @@ BAD_INPUTS = {
         "images is not an image: expected one;",
     ),
     "a missing image": ("c.jpg --depth depth/a.png --camera camera.json", r"c\.jpg does not exist"),
+    "a missing image before a missing camera": ("c.jpg", r"c\.jpg does not exist"),
     "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is not a file"),
     "depth full of holes": (
         "images/a.jpg --depth holes.png --camera camera.json",
