@@ -2,7 +2,7 @@
 
 With one or three input channels at full resolution, the first convolution is slow in 8-bit
 runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride
-1 with four times the channels. The normalisation moves into its weights, so that no float image
+1 with four times the channels; with blocks of 4x4 also the means of 2x2 pixels are part of it. The normalisation moves into its weights, so that no float image
 is needed.
 """
 
@@ -22,7 +22,7 @@ _STRIDE_5: Final = 32
 
 
 def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
-    """Change a model in place so that each first convolution reads 2x2 blocks of bytes.
+    """Change a model in place so that each first convolution reads blocks of bytes.
 
     One value `zero`, the rounded mean over all channels, is subtracted from all bytes. The rest
     of each channel's mean comes from an additional channel of constant value: with weight w, pixel
@@ -34,11 +34,12 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     size = spec.height, spec.width
     one_channel = spec.modality != "rgb"
     model.normalise = _reading_bytes(  # type: ignore[method-assign,assignment]
-        model.backbone, model.mean, model.std, size, one_channel
+        model.backbone, model.mean, model.std, size, spec.reduction, one_channel
     )
     if model.colour_backbone is not None:
+        of_colour = model.colour_mean, model.colour_std, size, spec.colour_reduction, False
         model.normalise_colour = _reading_bytes(  # type: ignore[method-assign,assignment]
-            model.colour_backbone, model.colour_mean, model.colour_std, size, False
+            model.colour_backbone, *of_colour
         )
     model.spec = without_std(spec)
 
@@ -50,7 +51,12 @@ def without_std(spec: ModelSpec) -> ModelSpec:
 
 
 def _reading_bytes(
-    backbone: nn.Module, mean: Tensor, std: Tensor, size: tuple[int, int], one_channel: bool
+    backbone: nn.Module,
+    mean: Tensor,
+    std: Tensor,
+    size: tuple[int, int],
+    reduction: int,
+    one_channel: bool,
 ) -> Callable[[Tensor], Tensor]:
     """Change the first convolution of a backbone; returns what prepares its images.
 
@@ -59,6 +65,7 @@ def _reading_bytes(
         mean: (C, 1, 1) mean per channel.
         std: (C, 1, 1) standard deviation per channel.
         size: Height and width of the images.
+        reduction: Side of the blocks of pixels whose means the backbone gets.
         one_channel: Whether the images are (B, H, W), else (B, H, W, 3).
     """
     import torch
@@ -74,21 +81,25 @@ def _reading_bytes(
     constant = bool((means != zero).any())
     if constant:
         weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
-    convolution, borders = _block_convolution(weight, int(first.padding[0]))
+    # The mean of a block of pixels before a tap is a block of equal taps.
+    weight = weight.repeat_interleave(reduction, 2).repeat_interleave(reduction, 3) / reduction**2
+    side = 2 * reduction
+    convolution, borders = _block_convolution(weight, reduction * int(first.padding[0]), side)
     backbone.set_submodule(name, convolution)
     down, across = (-side % _STRIDE_5 for side in size)
     padding = (0, 0, 0, across, 0, down)
 
     def normalise(images: Tensor) -> Tensor:
-        """uint8 images -> (B, 4C, H / 2, W / 2) float32 with `zero` subtracted, and padded."""
+        """uint8 images -> (B, S²C, H / S, W / S) float32, S the block's side, less `zero`, padded."""
         x = images[..., None] if one_channel else images
         if constant:
             x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
         if any(padding):
             x = functional.pad(x, padding, value=zero)
         batch, high, wide, channels = x.shape
-        x = x.reshape(batch, high // 2, 2, wide // 2, 2 * channels).permute(0, 1, 3, 2, 4)
-        x = x.reshape(batch, high // 2, wide // 2, 4 * channels).permute(0, 3, 1, 2)
+        x = x.reshape(batch, high // side, side, wide // side, side * channels)
+        x = x.permute(0, 1, 3, 2, 4)
+        x = x.reshape(batch, high // side, wide // side, side**2 * channels).permute(0, 3, 1, 2)
         return functional.pad(x.float() - float(zero), borders)
 
     return normalise
@@ -106,32 +117,36 @@ def _first_convolution(backbone: nn.Module) -> tuple[str, nn.Conv2d]:
     return name, first
 
 
-def _block_convolution(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[int, int, int, int]]:
-    """The convolution of 2x2 blocks that equals a convolution of stride 2.
+def _block_convolution(
+    weight: Tensor, padding: int, block: int
+) -> tuple[nn.Conv2d, tuple[int, int, int, int]]:
+    """The convolution of blocks of S x S pixels that equals a convolution of stride S.
 
-    Through tap i, output row o reads the image row 2 o + i - padding. That is row
-    (i - padding) mod 2 of the block row o + (i - padding) div 2. Columns likewise.
+    Through tap i, output row o reads the image row S o + i - padding. That is row
+    (i - padding) mod S of the block row o + (i - padding) div S. Columns likewise.
 
     Args:
-        weight: (out, C, k, k) weight of the convolution of stride 2.
+        weight: (out, C, k, k) weight of the convolution of stride S.
         padding: Its padding in pixels.
+        block: S.
 
     Returns:
-        The convolution, whose input channels are `(row * 2 + column) * C + channel` of a block,
+        The convolution, whose input channels are `(row * S + column) * C + channel` of a block,
         and the padding in blocks that it needs: left, right, top, bottom.
     """
     from torch import nn
 
     outer, inner, side, _ = weight.shape
-    before = (padding + 1) // 2
-    after = (side - 1 - padding) // 2
-    spread = weight.new_zeros(outer, 2, 2, inner, before + after + 1, before + after + 1)
+    before = -(-padding // block)
+    after = (side - 1 - padding) // block
+    blocks = before + after + 1
+    spread = weight.new_zeros(outer, block, block, inner, blocks, blocks)
     for i in range(side):
         for j in range(side):
-            (y, row), (x, column) = divmod(i - padding, 2), divmod(j - padding, 2)
+            (y, row), (x, column) = divmod(i - padding, block), divmod(j - padding, block)
             spread[:, row, column, :, y + before, x + before] = weight[:, :, i, j]
-    conv = nn.Conv2d(4 * inner, outer, before + after + 1, bias=False)
-    conv.weight = nn.Parameter(spread.reshape(outer, 4 * inner, *conv.kernel_size))
+    conv = nn.Conv2d(block**2 * inner, outer, blocks, bias=False)
+    conv.weight = nn.Parameter(spread.reshape(outer, block**2 * inner, *conv.kernel_size))
     return conv, (before, after, before, after)
 
 

@@ -133,6 +133,7 @@ class Backbone(nn.Module):
             out_indices=tuple(level - 1 for level in levels),
         )
         self.channels: tuple[int, ...] = tuple(self.trunk.feature_info.channels())
+        _drop_unused(self.trunk, self.trunk.feature_info.module_name()[-1])
         _keep_depthwise_float32(self.trunk)
         _fold_norms(self.trunk)
 
@@ -159,7 +160,7 @@ class Backbone(nn.Module):
         for name, module in self.trunk.named_children():
             inner = module.named_children() if name == "blocks" else [("", module)]
             parts += [(f"{name}.{key}".rstrip("."), part) for key, part in inner]
-        level, levels = max(ends.values()), []
+        level, levels = ends[self.trunk.feature_info.module_name()[-1]], []
         for name, _ in reversed(parts):
             level = ends.get(name, level)
             levels.append(level)
@@ -201,6 +202,13 @@ def _move_stride(block: nn.Module) -> bool:
         return False
     first.stride, second.stride = second.stride, (1, 1)
     return True
+
+
+def _drop_unused(trunk: Any, last: str) -> None:
+    """Drop the blocks after the last one that is asked for, which timm keeps in some networks."""
+    kind, _, number = last.partition(".")
+    if kind == "blocks":
+        trunk.blocks = trunk.blocks[: int(number) + 1]
 
 
 def _keep_depthwise_float32(module: nn.Module) -> None:

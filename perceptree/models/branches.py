@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from perceptree.models.detector import TreeRCNN
+from perceptree.models.presets import COLOUR_REDUCTION
 from perceptree.models.spec import ModelSpec, SpecError
 
 Inputs = Literal["both", "depth", "colour"]
@@ -22,13 +23,16 @@ _COLOUR_FIELDS: dict[str, Any] = {
 }
 
 
-def joined_spec(depth: ModelSpec, colour: ModelSpec, name: str) -> ModelSpec:
+def joined_spec(
+    depth: ModelSpec, colour: ModelSpec, name: str, colour_reduction: int = COLOUR_REDUCTION
+) -> ModelSpec:
     """The network of both inputs that a network of depth becomes with a colour backbone.
 
     Args:
         depth: The network of depth, whose pyramid and heads stay.
         colour: The network of colour, of which the backbone is taken.
         name: Name of the model.
+        colour_reduction: As in the spec.
 
     Raises:
         SpecError: If they are not a network of depth and one of colour, or the colour backbone
@@ -48,6 +52,7 @@ def joined_spec(depth: ModelSpec, colour: ModelSpec, name: str) -> ModelSpec:
         colour_mean=colour.mean,
         colour_std=colour.std,
         colour_pad_value=colour.pad_value,
+        colour_reduction=colour_reduction,
     )
 
 
@@ -63,7 +68,9 @@ def load_branches(model: TreeRCNN, depth: TreeRCNN, colour: TreeRCNN) -> None:
     """
     assert model.colour_backbone is not None
     model.load_state_dict(model.state_dict() | depth.state_dict())
-    model.colour_backbone.load_state_dict(colour.backbone.state_dict())
+    theirs = colour.backbone.state_dict()
+    own = model.colour_backbone.state_dict()
+    model.colour_backbone.load_state_dict({name: theirs[name] for name in own})
 
 
 def pruned(model: TreeRCNN, inputs: Inputs) -> TreeRCNN:
@@ -103,6 +110,7 @@ def _colour_spec(spec: ModelSpec) -> ModelSpec:
         mean=spec.colour_mean,
         std=spec.colour_std,
         pad_value=spec.colour_pad_value,
+        reduction=spec.colour_reduction,
         depth_encoding=None,
         stride_in_1x1=False,
         **_COLOUR_FIELDS,

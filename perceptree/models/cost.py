@@ -51,7 +51,8 @@ def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
     spec = model.spec
     height, width = (32 * cells for cells in spec.map_size(5))
     result = {}
-    image = torch.empty(1, spec.channels, height, width, device="meta")
+    sides = height // spec.reduction, width // spec.reduction
+    image = torch.empty(1, spec.channels, *sides, device="meta")
     maps, result["backbone"] = _run(model.backbone, image)
     maps, result["pyramid"] = _run(model.pyramid, maps)
     _, result["proposals"] = _run(model.proposer, maps)
@@ -65,7 +66,8 @@ def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
             pooled = torch.empty(regions, spec.fpn_width, cells, cells, device="meta")
             _, result[name] = _run(head, pooled)
     if model.colour_backbone is not None and model.colour_lateral is not None:
-        image = torch.empty(1, 3, height, width, device="meta")
+        sides = height // spec.colour_reduction, width // spec.colour_reduction
+        image = torch.empty(1, 3, *sides, device="meta")
         maps, result["colour"] = _run(model.colour_backbone, image)
         for layer, x in zip(model.colour_lateral, maps, strict=True):
             result["colour"] += _run(layer, x)[1]

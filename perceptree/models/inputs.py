@@ -79,3 +79,8 @@ def normalised(images: Tensor, mean: Tensor, std: Tensor | None) -> Tensor:
     if any(padding):
         x = functional.pad(x, (0, padding[1], 0, padding[0]))
     return x.contiguous(memory_format=torch.channels_last)
+
+
+def reduced(images: Tensor, factor: int) -> Tensor:
+    """The means of the blocks of `factor` x `factor` pixels of (B, C, H, W) images."""
+    return images if factor == 1 else functional.avg_pool2d(images, factor)

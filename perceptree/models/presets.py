@@ -77,6 +77,10 @@ PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
 
 _COLOUR_PAD_VALUE = 114
 
+# Of a network of both inputs: its colour backbone takes a sixth of the time at half the size, and
+# the depth image keeps the full one.
+COLOUR_REDUCTION = 2
+
 # Default levels of a light model, and its anchor size at stride 1 for an input 640 px wide.
 _LIGHT_LEVELS = (3, 4, 5)
 _LIGHT_ANCHOR_PX = 5.0
@@ -136,6 +140,7 @@ def make_spec(
                 "colour_mean": IMAGENET_MEAN,
                 "colour_std": IMAGENET_STD,
                 "colour_pad_value": _COLOUR_PAD_VALUE,
+                "colour_reduction": COLOUR_REDUCTION,
             }
     else:
         raise SpecError(f"model is {preset!r}, expected one of: {', '.join(PRESETS)}")

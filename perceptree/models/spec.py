@@ -33,6 +33,7 @@ _LARGEST_MEAN, _STD_RANGE = 1e6, (1e-6, 1e6)
 _PROPOSALS = limits(1, 100_000)
 _IOU = limits(over=0, most=1)
 _SCORE = limits(0, under=1, expected="within [0, 1)")
+_REDUCTION = limits(1, 2)
 _GRIDS = names(get_args(KeypointGrid), "'subcell' or 'pixels'")
 _PLAIN_TYPES: dict[str, tuple[type, ...]] = {
     "str": (str,),
@@ -83,6 +84,8 @@ class ModelSpec(Settings, error=SpecError):
     stride_in_1x1: bool = False
     """Whether a ResNet's bottlenecks have their stride in the first 1x1 convolution, not in the
     3x3 one."""
+    reduction: int = field(default=1, metadata=_REDUCTION)
+    """1, or 2 for a backbone that gets the means of the image's blocks of 2x2 pixels."""
     levels: tuple[int, ...] = (3, 4, 5)
     """Pyramid levels with proposals; level 6 is level 5 subsampled by 2."""
     fpn_width: int = field(default=96, metadata=limits(1, 4096))
@@ -135,6 +138,8 @@ class ModelSpec(Settings, error=SpecError):
     """Standard deviation of the colour image per channel, three values; empty but for `both`."""
     colour_pad_value: int = field(default=114, metadata=limits(0, 255))
     """Value of the letterbox borders of the colour image of `both`, 0 to 255."""
+    colour_reduction: int = field(default=1, metadata=_REDUCTION)
+    """`reduction` of the colour image of `both`; 1 for the others."""
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -244,8 +249,21 @@ class ModelSpec(Settings, error=SpecError):
 
     @property
     def backbone_levels(self) -> tuple[int, ...]:
-        """The levels that the backbone computes: all but level 6, which is made from level 5."""
-        return tuple(level for level in self.levels if level <= 5)
+        """The backbone's levels that the pyramid gets, see `_levels_of`."""
+        return self._levels_of(self.reduction)
+
+    @property
+    def colour_backbone_levels(self) -> tuple[int, ...]:
+        """Those of the colour backbone of `both`."""
+        return self._levels_of(self.colour_reduction)
+
+    def _levels_of(self, reduction: int) -> tuple[int, ...]:
+        """Levels of a backbone, counted from its own image, which is smaller by `reduction`.
+
+        Level 6 is not among them: it is made from level 5.
+        """
+        finer = reduction.bit_length() - 1
+        return tuple(level - finer for level in self.levels if level <= 5)
 
     @property
     def anchors_per_cell(self) -> int:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from perceptree.models.backbones import Backbone
 from perceptree.models.fpn import FeaturePyramid
-from perceptree.models.inputs import COLOUR, DEPTH, Images, by_name, normalised
+from perceptree.models.inputs import COLOUR, DEPTH, Images, by_name, normalised, reduced
 from perceptree.models.spec import ModelSpec
 
 
@@ -57,7 +57,7 @@ class Trunk(nn.Module):
         self.colour_backbone: Backbone | None = None
         self.colour_lateral: nn.ModuleList | None = None
         if spec.colour_backbone is not None:
-            self.colour_backbone = Backbone(spec.colour_backbone, 3, spec.backbone_levels)
+            self.colour_backbone = Backbone(spec.colour_backbone, 3, spec.colour_backbone_levels)
             self.colour_lateral = _zero_lateral(self.colour_backbone.channels, spec.fpn_width)
         for name in ("mean", "std", "colour_mean", "colour_std"):
             values = torch.tensor(getattr(spec, name))[:, None, None]
@@ -70,13 +70,14 @@ class Trunk(nn.Module):
         return [part for part in (self.backbone, self.colour_backbone) if part is not None]
 
     def normalise(self, images: Tensor) -> Tensor:
-        """Normalise the images of `backbone`, see `perceptree.models.inputs.normalised`."""
-        return normalised(images, self.mean, self.std if _scales(self.spec.std) else None)
+        """Prepare the images of `backbone`, see `perceptree.models.inputs.normalised`."""
+        std = self.std if _scales(self.spec.std) else None
+        return reduced(normalised(images, self.mean, std), self.spec.reduction)
 
     def normalise_colour(self, images: Tensor) -> Tensor:
-        """Normalise the colour images of a network of both inputs."""
+        """Prepare the colour images of a network of both inputs."""
         std = self.colour_std if _scales(self.spec.colour_std) else None
-        return normalised(images, self.colour_mean, std)
+        return reduced(normalised(images, self.colour_mean, std), self.spec.colour_reduction)
 
     def maps(self, images: Images) -> dict[int, Tensor]:
         """Compute the pyramid's maps of uint8 images by level, (B, width, h, w) each.
@@ -129,8 +130,12 @@ class Trunk(nn.Module):
                 is Detectron2's FREEZE_AT 2.
             norms: Freeze all batch norms of the backbones, as Detectron2 does.
         """
+        factors = self.spec.reduction, self.spec.colour_reduction
         stages = [
-            part for whole in self.backbones for reached, part in whole.stages() if reached <= level
+            part
+            for whole, factor in zip(self.backbones, factors, strict=False)
+            for reached, part in whole.stages()
+            if factor * 2**reached <= 2**level
         ]
         kinds = [
             part

@@ -60,6 +60,7 @@ class Network(TypedDict):
     depth_encoding: dict[str, float] | None
     backbone: str
     stride_in_1x1: bool
+    reduction: NotRequired[Count]
     levels: list[int]
     fpn_width: Side
     fpn_norm: bool
@@ -84,6 +85,7 @@ class Network(TypedDict):
     colour_mean: NotRequired[list[float]]
     colour_std: NotRequired[list[float]]
     colour_pad_value: NotRequired[Count]
+    colour_reduction: NotRequired[Count]
 
 
 class Checkpoint(TypedDict):

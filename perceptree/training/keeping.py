@@ -35,7 +35,7 @@ class StartingBackbone:
         self._settings, self._backbones = settings, model.backbones
         forms = [(spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1)]
         if spec.colour_backbone is not None:
-            forms.append((spec.colour_backbone, 3, spec.backbone_levels, False))
+            forms.append((spec.colour_backbone, 3, spec.colour_backbone_levels, False))
         self._starts = [Backbone(*form) for form in forms]
         for start, own in zip(self._starts, self._backbones, strict=True):
             start.load_state_dict(own.state_dict())

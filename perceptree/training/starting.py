@@ -40,6 +40,7 @@ _BACKBONE, _LATERAL = ("backbone.", "colour_backbone."), "pyramid.lateral."
 _MUST_MATCH = (
     *("backbone", "modality", "mean", "std", "stride_in_1x1"),
     *("colour_backbone", "colour_mean", "colour_std"),
+    *("reduction", "colour_reduction"),
 )
 
 
@@ -114,7 +115,8 @@ def start_from(model: TreeRCNN, init: Init) -> None:
 
 def _load_branches(model: TreeRCNN, init: Branches) -> None:
     depth, colour = (load_checkpoint(path)[0] for path in (init.depth, init.colour))
-    start = TreeRCNN(joined_spec(depth.spec, colour.spec, model.spec.name))
+    factor = model.spec.colour_reduction
+    start = TreeRCNN(joined_spec(depth.spec, colour.spec, model.spec.name, factor))
     load_branches(start, depth, colour)
     _load(model, start, init.depth)
 
