@@ -5,17 +5,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
-from edgetree.model_file.inputs_outputs import COLOUR
+from edgetree.model_file.inputs_outputs import COLOUR, DEPTH
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.input_images import by_input
 from edgetree.runtime.session import InferenceSession
+
+BOTH: Final = "both"
 
 if TYPE_CHECKING:
     from perceptree.data import FrameStore
@@ -30,6 +32,7 @@ def evaluate_file(
     split: str,
     fold: int | None = None,
     entire_tree: bool = False,
+    inputs: str = BOTH,
     progress: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Report:
     """Evaluate a model file with the code that evaluates checkpoints.
@@ -41,13 +44,15 @@ def evaluate_file(
         split: "train", "val" or "test".
         fold: Number of the fold, for datasets with several.
         entire_tree: Use the labels of entire trees, for datasets that have both kinds.
+        inputs: Which images a model of colour and depth is shown: `both`, `colour` or `depth`.
         progress: Called with the number of frames done since the last call and the total.
 
     Returns:
         The report with all metrics.
 
     Raises:
-        InputError: `split` is not one of the above.
+        InputError: `split` or `inputs` is not one of the above, or `inputs` is given for a model
+            of one image.
         MissingPackage: Torch or another package for training is not installed.
         perceptree.errors.DatasetError: The dataset is missing, broken or has no trees.
     """
@@ -58,10 +63,16 @@ def evaluate_file(
     if split not in SPLITS:
         raise InputError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
     manifest = detector.manifest
+    if inputs not in (BOTH, COLOUR, DEPTH):
+        raise InputError(f"--inputs is {inputs!r}: expected {BOTH}, {COLOUR} or {DEPTH}")
+    if inputs != BOTH and not manifest.takes_both:
+        raise InputError(
+            f"--inputs is {inputs!r}, but {manifest.name} takes one image: expected no --inputs"
+        )
     dataset = read_dataset(data, split, fold, entire_tree)
     store = frames_for(manifest, dataset.frames)
     return make_report(
-        predict_with_file(detector.session, manifest),
+        predict_with_file(detector.session, manifest, inputs),
         store,
         About(_about(manifest, about), str(data), split, dataset.notes),
         manifest.input.batch_sizes[0],
@@ -69,12 +80,13 @@ def evaluate_file(
     )
 
 
-def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
+def predict_with_file(session: InferenceSession, manifest: Manifest, inputs: str = BOTH) -> Predict:
     """A prediction function for perceptree's metrics.
 
     Args:
         session: The session of the model file.
         manifest: The model's manifest.
+        inputs: As for `evaluate_file`.
 
     Returns:
         A function from uint8 images, at most the file's batch size, to raw detections; of a model
@@ -83,10 +95,16 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
     from perceptree.evaluation import RawDetections
 
     batch = manifest.input.batch_sizes[0]
+    hidden = [
+        kind for kind in manifest.graph_inputs if manifest.takes_both and inputs not in (BOTH, kind)
+    ]
 
     def predict(images: UInt8) -> RawDetections:
         filled = np.concatenate([images, images[:1].repeat(batch - len(images), axis=0)])
-        found = session.run(by_input(filled, manifest))
+        shown = by_input(filled, manifest)
+        for kind in hidden:
+            shown[kind] = np.full_like(shown[kind], manifest.graph_inputs[kind].nothing)
+        found = session.run(shown)
         kept = {name: values[: len(images)] for name, values in found.items()}
         return RawDetections(
             kept["boxes"],

@@ -30,6 +30,13 @@ def evaluate(
     entire_tree: Annotated[
         bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
     ] = False,
+    inputs: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Which images a model of colour and depth is shown: both, colour or depth.",
+        ),
+    ] = "both",
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
@@ -56,7 +63,7 @@ def evaluate(
             bar[0].update(done)
 
         about = model_record(detector, path)
-        report = evaluate_file(detector, about, data, split, fold, entire_tree, show)
+        report = evaluate_file(detector, about, data, split, fold, entire_tree, inputs, show)
         page = None if folder is None else report.write(folder)
     if as_json:
         print_json(report.figures)

@@ -2,8 +2,8 @@
 
 With one or three input channels at full resolution, the first convolution is slow in 8-bit
 runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride
-1 with four times the channels; with blocks of 4x4 also the means of 2x2 pixels are part of it. The normalisation moves into its weights, so that no float image
-is needed.
+1 with four times the channels. With blocks of 4x4, the means of 2x2 pixels before it are part of
+it. The normalisation moves into its weights, so that no float image is needed.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _reading_bytes(
     padding = (0, 0, 0, across, 0, down)
 
     def normalise(images: Tensor) -> Tensor:
-        """uint8 images -> (B, S²C, H / S, W / S) float32, S the block's side, less `zero`, padded."""
+        """uint8 images -> (B, S²C, H / S, W / S) float32 for blocks of side S, less `zero`."""
         x = images[..., None] if one_channel else images
         if constant:
             x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)

@@ -14,6 +14,7 @@ from once import Once
 
 from basetree.errors import InputError
 from calib import write_depth
+from edgetree.evaluate import predict_with_file
 from edgetree.export import ExportReport, ExportSettings, export_model, verify_model
 from edgetree.export.frames import find_views, only, read_frames
 from edgetree.export.quantise import quantise
@@ -84,6 +85,22 @@ def test_the_other_branch_is_left_out(
     assert manifest.name == alone.spec.name
     assert report.file_bytes < 0.75 * both.file_bytes
     assert verify_model(file, both_checkpoint, data=frame_folder).parity.faults() == []
+
+
+def test_an_evaluation_shows_one_of_both(
+    both_checkpoint: Path, frame_folder: Path, both: ExportReport
+) -> None:
+    detector = TreeDetector.load(both.path)
+    model, _ = load_checkpoint(both_checkpoint)
+    frames = read_frames(find_views(frame_folder, "both", 2), model.spec)[:1]
+    scores = {}
+    for inputs in ("both", "colour", "depth"):
+        found = predict_with_file(detector.session, detector.manifest, inputs)(frames)
+        shown = frames if inputs == "both" else only(inputs, frames, model.spec)
+        expected = predict_with_file(detector.session, detector.manifest)(shown)
+        np.testing.assert_array_equal(found.scores, expected.scores)
+        scores[inputs] = found.scores[0, 0]
+    assert len(set(scores.values())) == len(scores)
 
 
 def test_int8_reads_the_bytes_of_both(

@@ -112,6 +112,8 @@ MISTAKES = {
     "no model": (("none.onnx", "{data}"), "none.onnx"),
     "no data": (("{model}", "{data}/none"), "none"),
     "split": (("{model}", "{data}", "--split", "spring"), "--split is 'spring'"),
+    "other inputs": (("{model}", "{data}", "--inputs", "stereo"), "--inputs is 'stereo': expected"),
+    "one input": (("{model}", "{data}", "--inputs", "depth"), "takes one image: expected no"),
     "no val": (("{model}", "{data}", "--split", "val"), "val"),
     "out is a file": (("{model}", "{data}", "--out", "{data}/test_RGB.json"), "cannot be written"),
 }

@@ -42,6 +42,13 @@ NETWORKS: dict[str, dict[str, Any]] = {
         "width": 150,
     },
     "both": {"modality": "both"},
+    "rgb, means of 2x2 pixels": {"reduction": 2},
+    "rgb, 7x7 stem, means of 2x2 pixels, 90x150": {
+        "preset": "r50",
+        "reduction": 2,
+        "height": 90,
+        "width": 150,
+    },
     "both, 90x150": {"modality": "both", "height": 90, "width": 150},
 }
 # Channels per pixel that the first convolution reads if quantised.
@@ -102,7 +109,8 @@ def test_the_rewritten_network_gives_the_same_detections(
     if quantised:
         per_pixel = 4 if model.spec.modality == "rgb" else 2
         stem = first_convolution(changed)
-        assert stem.in_channels == 4 * CHANNELS.get(name, per_pixel)
+        pixels = (2 * model.spec.reduction) ** 2
+        assert stem.in_channels == pixels * CHANNELS.get(name, per_pixel)
         assert stem.stride == (1, 1)
     # No division and no transposed convolution is left.
     assert {*changed.spec.std, *changed.spec.colour_std} == {1.0}
