@@ -91,7 +91,8 @@ def run_js(kit: Path, outputs: Path, out: Path) -> None:
 
 
 def run_cpp(kit: Path, outputs: Path, out: Path) -> None:
-    sources = [HOSTS / "cpp" / f"{name}.cpp" for name in ("json", "manifest", "prepare", "trees")]
+    parts = ("json", "manifest", "prepare", "resize", "trees")
+    sources = [HOSTS / "cpp" / f"{name}.cpp" for name in parts]
     program = out / "parts"
     command = [tool("c++", "g++", "clang++"), "-std=c++20", "-O1", "-Wall", "-Wextra", "-Werror"]
     command += [f"-I{HOSTS / 'cpp'}", str(PARTS / "parts.cpp"), *map(str, sources)]
@@ -120,10 +121,7 @@ def test_what_a_host_does_around_the_network(
     for name, (inputs, _) in passes.items():
         for kind, pixels in inputs.items():
             theirs = np.fromfile(out / f"{name}.{kind}.raw", np.uint8).reshape(pixels.shape)
-            gap = np.abs(theirs.astype(int) - pixels)
-            assert gap.max() <= 1, name
-            # Enlarging rounds otherwise in OpenCV; whole pixels are halved alike.
-            assert (gap > 0).mean() < (0.2 if name == "small" else 0.001), name
+            np.testing.assert_array_equal(theirs, pixels, err_msg=name)
     found = json.loads((out / "trees.json").read_text("utf-8"))
     for frame in read_expected(kit).frames:
         assert len(found[frame.name]) == len(frame.trees), frame.name
@@ -144,9 +142,8 @@ def run_checked(*command: str, cwd: Path | None = None) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["edge-n-rgb", "edge-n-depth"])
+@pytest.mark.parametrize("model", ["edge-n-rgb", "edge-s-rgb", "edge-n-depth", "edge-s-depth"])
 def test_the_node_host_passes_its_kit(model: str) -> None:
-    """Of edge-s-rgb it is another kit: see the guide."""
     node()
     tool("npm")
     out = run_checked("bash", str(HOSTS / "node" / "check.sh"), model)
@@ -156,6 +153,7 @@ def test_the_node_host_passes_its_kit(model: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["edge-n-rgb", "edge-s-rgb", "edge-n-depth"])
 def test_the_cpp_host_passes_its_kit(model: str) -> None:
+    """Of edge-s-depth it does not, with OpenVINO: see the guide."""
     tool("cmake")
     tool("c++", "g++", "clang++")
     out = run_checked("bash", str(HOSTS / "cpp" / "check.sh"), model)

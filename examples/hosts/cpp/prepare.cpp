@@ -4,36 +4,9 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "resize.hpp"
+
 namespace {
-
-// The source pixels that one resized pixel mixes, and their weights.
-struct Mixture {
-    int first;
-    std::vector<float> weights;
-};
-
-std::vector<Mixture> mixtures(int from, int to, bool shrinking) {
-    const double step = static_cast<double>(from) / to;
-    std::vector<Mixture> all(to);
-    for (int i = 0; i < to; ++i) {
-        Mixture& mixture = all[i];
-        if (shrinking) {  // mean of an area
-            const double begin = i * step, end = std::min<double>(from, (i + 1) * step);
-            mixture.first = static_cast<int>(begin);
-            for (int source = mixture.first; source < end - 1e-9; ++source)
-                mixture.weights.push_back(static_cast<float>(
-                    (std::min<double>(end, source + 1) - std::max<double>(begin, source)) /
-                    (end - begin)));
-        } else {  // bilinear, between pixel centres
-            const double at = std::clamp((i + 0.5) * step - 0.5, 0.0, from - 1.0);
-            mixture.first = std::min(static_cast<int>(at), std::max(0, from - 2));
-            const auto rest = static_cast<float>(at - mixture.first);
-            if (from > 1) mixture.weights = {1 - rest, rest};
-            else mixture.weights = {1};
-        }
-    }
-    return all;
-}
 
 // Depth as 8-bit greys: a table over all millimetres.
 std::vector<std::uint8_t> grey_table(const DepthEncoding& depth) {
@@ -82,38 +55,15 @@ std::vector<std::uint8_t> Preparation::input_of(const Frame& frame, const Input&
     if (given != static_cast<std::size_t>(line_size) * frame.height)
         throw std::runtime_error("a frame has another size than its width and height say");
     const Letterbox box = fit(frame.width, frame.height, manifest);
-    const bool shrinking = box.width < frame.width;
-    const auto columns = mixtures(frame.width, box.width, shrinking);
-    const auto rows = mixtures(frame.height, box.height, shrinking);
-
     std::vector<std::uint8_t> padded(size, static_cast<std::uint8_t>(input.pad_value));
-    std::vector<float> line(line_size);
     std::vector<std::uint8_t> grey(line_size);
-    for (int y = 0; y < box.height; ++y) {
-        std::fill(line.begin(), line.end(), 0.0f);
-        for (std::size_t k = 0; k < rows[y].weights.size(); ++k) {
-            const std::size_t start = (rows[y].first + k) * static_cast<std::size_t>(line_size);
-            const std::uint8_t* source = grey.data();
-            if (is_depth) {
-                for (int i = 0; i < line_size; ++i) grey[i] = grey_[frame.depth_mm[start + i]];
-            } else {
-                source = frame.bgr.data() + start;
-            }
-            const float weight = rows[y].weights[k];
-            for (int i = 0; i < line_size; ++i) line[i] += weight * source[i];
-        }
-        std::uint8_t* out = padded.data() + static_cast<std::size_t>(y) * manifest.width * channels;
-        for (const Mixture& column : columns) {
-            for (int c = 0; c < channels; ++c) {
-                float sum = 0.5f;  // for rounding to the nearest
-                const float* source = line.data() + column.first * channels + c;
-                for (const float weight : column.weights) {
-                    sum += weight * *source;
-                    source += channels;
-                }
-                *out++ = static_cast<std::uint8_t>(sum);
-            }
-        }
-    }
+    const auto row_of = [&](int y) -> const std::uint8_t* {
+        const std::size_t start = y * static_cast<std::size_t>(line_size);
+        if (!is_depth) return frame.bgr.data() + start;
+        for (int i = 0; i < line_size; ++i) grey[i] = grey_[frame.depth_mm[start + i]];
+        return grey.data();
+    };
+    resize(row_of, {frame.width, frame.height}, {box.width, box.height}, channels, padded.data(),
+           static_cast<std::size_t>(manifest.width) * channels);
     return padded;
 }

@@ -5,14 +5,7 @@
 // and depth it is { width, height, colour, depth }, of which one may be missing.
 
 import { inputsOf } from "./manifest.js";
-
-/** The nearest whole number; of two, the even one. */
-function roundHalfEven(value) {
-  const low = Math.floor(value);
-  const rest = value - low;
-  if (rest !== 0.5) return rest < 0.5 ? low : low + 1;
-  return low % 2 === 0 ? low : low + 1;
-}
+import { resizeRows, roundHalfEven } from "./resize.js";
 
 /** Size of the resized frame at the top left of the model's input, and model px per frame px. */
 export function letterbox(width, height, input) {
@@ -56,49 +49,11 @@ function encodeDepth(data, encoding) {
   return bytes;
 }
 
-/** For each resized pixel of one axis: the first source pixel that it mixes, and the weights. */
-function mixture(from, to, shrinking) {
-  const step = from / to;
-  return Array.from({ length: to }, (_, index) => {
-    if (!shrinking) { // bilinear, between pixel centres
-      const at = Math.min(from - 1, Math.max(0, (index + 0.5) * step - 0.5));
-      const first = Math.min(Math.floor(at), Math.max(0, from - 2));
-      return { first, weights: Float32Array.from(from > 1 ? [1 - (at - first), at - first] : [1]) };
-    }
-    const [begin, end] = [index * step, Math.min(from, (index + 1) * step)]; // mean of an area
-    const first = Math.floor(begin);
-    const weights = [];
-    for (let source = first; source < end - 1e-9; source++)
-      weights.push((Math.min(end, source + 1) - Math.max(begin, source)) / (end - begin));
-    return { first, weights: Float32Array.from(weights) };
-  });
-}
-
-/** Add a row of bytes, resized to the width of `columns` and times `weight`, to `line`. */
-function addRow(line, bytes, start, channels, columns, weight) {
-  for (let x = 0, to = 0; x < columns.length; x++) {
-    const { first, weights } = columns[x];
-    for (let c = 0; c < channels; c++, to++) {
-      let sum = 0;
-      let at = start + first * channels + c;
-      for (let k = 0; k < weights.length; k++, at += channels) sum += weights[k] * bytes[at];
-      line[to] += weight * sum;
-    }
-  }
-}
-
 /** Resize bytes and place them at the top left of the padded input. */
-function resize(bytes, { width, height }, channels, box, input, padValue) {
-  const shrinking = box.width < width;
-  const columns = mixture(width, box.width, shrinking);
+function resize(bytes, frame, channels, box, input, padValue) {
   const padded = new Uint8Array(input.width * input.height * channels).fill(padValue);
-  const line = new Float32Array(box.width * channels);
-  for (const [y, { first, weights }] of mixture(height, box.height, shrinking).entries()) {
-    line.fill(0.5); // for rounding to the nearest
-    for (const [k, weight] of weights.entries())
-      addRow(line, bytes, (first + k) * width * channels, channels, columns, weight);
-    padded.set(line, y * input.width * channels);
-  }
+  const put = (y, values) => padded.set(values, y * input.width * channels);
+  resizeRows(bytes, frame, box, channels, put);
   return padded;
 }
 
