@@ -72,6 +72,9 @@ class OneImage:
         return f"found by {self.image} alone: {self.reason}"
 
 
+_ROWS: Final = ("boxes_px", "scores", "keypoints_px", "masks", "keypoint_stds_px")
+"""Arrays with a row for each tree."""
+
 _Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
 
 
@@ -102,6 +105,9 @@ class TreeDetections:
             corrects them by the depth. `TreeDetector` sets it.
         alone: Which image a model of colour and depth used alone, and why; None if it used both,
             and of other models.
+        keypoint_stds_px: (N, 5, 2) float32, how sure the network is of each keypoint: standard
+            deviations of its heat map in x and y, 0 where it says nothing. None if the model does
+            not give them.
 
     Raises:
         InputError: An array does not have the shape given above, contains values that are not
@@ -118,6 +124,7 @@ class TreeDetections:
     error_factor: float = 1.0
     by_network: bool = False
     alone: OneImage | None = None
+    keypoint_stds_px: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.scores)
@@ -128,6 +135,8 @@ class TreeDetections:
         self._keep_as_float32("scores", (count,))
         if self.keypoints_px is not None:
             self._keep_as_float32("keypoints_px", (count, len(KEYPOINT_NAMES), 3))
+        if self.keypoint_stds_px is not None:
+            self._keep_as_float32("keypoint_stds_px", (count, len(KEYPOINT_NAMES), 2))
         if self.masks is not None:
             self._keep_as_float32("masks", (count, MASK_SIZE, MASK_SIZE))
         if count and not (self.scores.min() >= 0 and self.scores.max() <= 1):
@@ -162,13 +171,8 @@ class TreeDetections:
 
     def select(self, index: _Index) -> TreeDetections:
         """The trees selected by a slice, a (N,) bool array or an array of indices."""
-        return replace(
-            self,
-            boxes_px=self.boxes_px[index],
-            scores=self.scores[index],
-            keypoints_px=None if self.keypoints_px is None else self.keypoints_px[index],
-            masks=None if self.masks is None else self.masks[index],
-        )
+        arrays = {name: getattr(self, name) for name in _ROWS}
+        return replace(self, **{name: x if x is None else x[index] for name, x in arrays.items()})
 
     def above(self, score_threshold: float) -> TreeDetections:
         """The trees whose score is at least `score_threshold`."""

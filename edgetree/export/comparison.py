@@ -111,8 +111,8 @@ def compare_frame(
     Args:
         name: Name of the frame.
         expected: Outputs of the model: `boxes` (N, 4), `scores` (N,), `rows`, the largest
-            possible N, and, if the model has them, `keypoints` (N, 5, 3) and `masks`
-            (N, 28, 28).
+            possible N, and, if the model has them, `keypoints` (N, 5, 3), `keypoint_stds`
+            (N, 5, 2) and `masks` (N, 28, 28).
         found: Outputs of the file.
         precision: `float32`, `float16` or `int8`.
         threshold: Lowest score of a detection.
@@ -163,7 +163,7 @@ def _differences(
     left, right = (list(side) for side in zip(*pairs, strict=True))
     gap = {
         key: np.abs(expected[key][left] - found[key][right])
-        for key in ("boxes", "scores", "keypoints", "masks")
+        for key in ("boxes", "scores", "keypoints", "keypoint_stds", "masks")
         if key in expected
     }
     points, masks = (gap.get(key, np.zeros((1, 1, 3))) for key in ("keypoints", "masks"))
@@ -171,12 +171,15 @@ def _differences(
     tied = np.zeros(apart_px.shape, np.bool_)
     if limits.keypoint_px is not None and limits.keypoint_score is not None:
         tied = (apart_px > limits.keypoint_px) & (points[..., 2] <= limits.keypoint_score)
+    stds_px = gap.get("keypoint_stds", np.zeros((1, 1, 2))).max(-1)
     iou = np.ones(1)
     values = {"score": gap["scores"]}
     if "keypoints" in gap:
         shift_px = np.hypot(points[..., 0], points[..., 1])
         values["keypoint_score"] = points[..., 2]
-        values["keypoint_shift"] = shift_px / _box_sizes_px(expected["boxes"][left])
+        sizes_px = _box_sizes_px(expected["boxes"][left])
+        values["keypoint_shift"] = shift_px / sizes_px
+        values["keypoint_std"] = stds_px / sizes_px
     if "masks" in gap:
         iou = _mask_iou(expected["masks"][left], found["masks"][right])
         values["mask_probability"] = masks.mean(axis=(1, 2))
@@ -189,6 +192,7 @@ def _differences(
         keypoint_px=float(apart_px.max()),
         untied_keypoint_px=float(apart_px[~tied].max(initial=0.0)),
         keypoint_ties=int(tied.sum()),
+        keypoint_std_px=float(np.where(tied, 0.0, stds_px).max()),
         score=float(gap["scores"].max()),
         keypoint_score=float(points[..., 2].max()),
         mask_probability=float(masks.max()),

@@ -14,6 +14,7 @@ class ParityLimits:
     Attributes:
         box_px: Largest difference of a box coordinate, in pixels of the input.
         keypoint_px: Largest difference of a keypoint coordinate, in pixels of the input.
+        keypoint_std_px: Largest difference of a keypoint's standard deviation, likewise.
         score: Largest difference of a score.
         keypoint_score: Largest difference of a keypoint's score.
         keypoint_ties: Largest share of keypoints that may lie elsewhere with the same score, see
@@ -30,6 +31,7 @@ class ParityLimits:
 
     box_px: float | None = None
     keypoint_px: float | None = None
+    keypoint_std_px: float | None = None
     score: float | None = None
     keypoint_score: float | None = None
     keypoint_ties: float = 0.0
@@ -46,6 +48,7 @@ _LIMITS: Final = {
     "float32": ParityLimits(
         box_px=0.5,
         keypoint_px=0.5,
+        keypoint_std_px=0.5,
         score=1e-3,
         keypoint_score=1e-3,
         keypoint_ties=5e-3,
@@ -58,6 +61,8 @@ _LIMITS: Final = {
             "keypoint_score_median": 0.002,
             "keypoint_shift_median": 0.005,
             "keypoint_shift_p90": 0.02,
+            "keypoint_std_median": 0.005,
+            "keypoint_std_p90": 0.02,
             "mask_probability_median": 0.002,
             "mask_iou_median": 0.98,
             "mask_iou_p10": 0.95,
@@ -72,6 +77,8 @@ _LIMITS: Final = {
             "keypoint_score_median": 0.05,
             "keypoint_shift_median": 0.04,
             "keypoint_shift_p90": 0.15,
+            "keypoint_std_median": 0.04,
+            "keypoint_std_p90": 0.15,
             "mask_probability_median": 0.04,
             "mask_iou_median": 0.85,
             "mask_iou_p10": 0.6,

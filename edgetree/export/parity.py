@@ -12,13 +12,22 @@ from basetree.counts import counted
 from basetree.errors import CheckFailed
 from edgetree.export.limits import ParityLimits
 
-_LARGEST: Final = ("box_px", "keypoint_px", "score", "keypoint_score", "mask_probability")
+_LARGEST: Final = (
+    "box_px",
+    "keypoint_px",
+    "keypoint_std_px",
+    "score",
+    "keypoint_score",
+    "mask_probability",
+)
 # Name of the values of each percentile, and percent.
 _PERCENTILES: Final = {
     "score_median": ("score", 50),
     "keypoint_score_median": ("keypoint_score", 50),
     "keypoint_shift_median": ("keypoint_shift", 50),
     "keypoint_shift_p90": ("keypoint_shift", 90),
+    "keypoint_std_median": ("keypoint_std", 50),
+    "keypoint_std_p90": ("keypoint_std", 90),
     "mask_probability_median": ("mask_probability", 50),
     "mask_iou_median": ("mask_iou", 50),
     "mask_iou_p10": ("mask_iou", 10),
@@ -38,6 +47,8 @@ class FrameParity:
         untied_keypoint_px: The same without those that `keypoint_ties` counts.
         keypoint_ties: Number of keypoints that differ by more than the limit, but whose scores
             agree. Where a heat map has two peaks of the same height, rounding decides.
+        keypoint_std_px: Difference of a keypoint's standard deviation, in pixels of the input,
+            without those that `keypoint_ties` counts.
         score: Difference of a score.
         keypoint_score: Difference of a keypoint's score.
         mask_probability: Difference of a mask's probability in one cell.
@@ -45,7 +56,8 @@ class FrameParity:
         values: One value per matched tree, by name: `score`, the difference of its score;
             `keypoint_score`, that of its keypoints (5 values per tree); `keypoint_shift`, the
             distances of its keypoints (5 values), divided by the square root of the area of its
-            box; `mask_probability`, the mean difference of its mask's cells; `mask_iou`, the
+            box; `keypoint_std`, the differences of their standard deviations, divided likewise;
+            `mask_probability`, the mean difference of its mask's cells; `mask_iou`, the
             intersection over union of its masks. Without those of missing branches.
         fault: Why the file's outputs are invalid, or None.
     """
@@ -57,6 +69,7 @@ class FrameParity:
     keypoint_px: float = 0.0
     untied_keypoint_px: float = 0.0
     keypoint_ties: int = 0
+    keypoint_std_px: float = 0.0
     score: float = 0.0
     keypoint_score: float = 0.0
     mask_probability: float = 0.0

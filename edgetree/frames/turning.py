@@ -147,11 +147,12 @@ def _quarter(trees: TreeDetections) -> TreeDetections:
     if keypoints is not None:
         x, y, score = np.moveaxis(keypoints, -1, 0)
         keypoints = np.stack([height - y, x, score], axis=-1)
-    masks = trees.masks
+    masks, stds = trees.masks, trees.keypoint_stds_px
     return replace(
         trees,
         boxes_px=np.stack([height - y1, x0, height - y0, x1], axis=-1),
         keypoints_px=keypoints,
+        keypoint_stds_px=None if stds is None else stds[..., ::-1].copy(),
         masks=None if masks is None else np.rot90(masks, -1, axes=(1, 2)).copy(),
         image_width=height,
         image_height=trees.image_width,

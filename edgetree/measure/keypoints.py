@@ -64,9 +64,9 @@ class Keypoints:
     def from_detections(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
         """Take the keypoints of detections and estimate their errors.
 
-        The standard deviations grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`,
-        and with the size of the box: across the stem with its width, along the stem with the
-        square root of its area.
+        The standard deviations are those of the heat maps, where the model gives these. Else they
+        grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`, and with the size of the
+        box: across the stem with its width, along the stem with the square root of its area.
         """
         count = len(trees)
         values = np.zeros((count, len(KEYPOINT_NAMES), 3))
@@ -79,6 +79,9 @@ class Keypoints:
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
+        if trees.keypoint_stds_px is not None:
+            heat_px = trees.keypoint_stds_px.astype(np.float64)
+            spread = np.where(heat_px > 0, settings.keypoint_heat * heat_px, spread)
         least_px = settings.keypoint_std_px * reference_px(trees.image_width)
         if trees.by_network:
             least_px = network_std_px(settings.keypoint_std_px, trees.image_width)

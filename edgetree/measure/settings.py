@@ -25,6 +25,7 @@ _DETECTOR_ERRORS = (
     "keypoint_std_px",
     "keypoint_spread",
     "keypoint_slide",
+    "keypoint_heat",
     "mask_std_px",
     "mask_spread",
 )
@@ -62,6 +63,8 @@ class MeasureSettings:
             of standard deviation s has the peak 1 / (2 pi s²).
         keypoint_slide: The same along the stem, where no edge limits the heat map, as a fraction
             of the square root of the box area.
+        keypoint_heat: Standard deviation of a keypoint, as a share of that of its heat map. For
+            models that give the latter it takes the place of the two above.
         mask_std_px: Smallest standard deviation of a mask edge, in the same pixels.
         mask_spread: Standard deviation of a mask edge, in cells of the mask grid.
         given_mask_std_px: The same for masks of the image's size that the caller gives, instead of
@@ -116,6 +119,7 @@ class MeasureSettings:
     keypoint_std_px: float = 1.05
     keypoint_spread: float = 0.008
     keypoint_slide: float = 0.02
+    keypoint_heat: float = 0.8
     mask_std_px: float = 1.3
     mask_spread: float = 0.2
     given_mask_std_px: float = 1.1

@@ -125,7 +125,8 @@ def standard_outputs(
 
     Args:
         detections: Number of rows per image. Rows from `num_detections` on are zero.
-        keypoints: Whether the model has a keypoint output.
+        keypoints: Whether the model has outputs of keypoints. Files made before version 0.3 have no
+            `keypoint_stds`.
         masks: Whether the model has a mask output.
     """
     rows: tuple[int | str, ...] = ("B", detections)
@@ -138,6 +139,13 @@ def standard_outputs(
         "px of the input, px of the input, 1",
         "x, y, score (softmax peak)",
     )
+    stds = OutputSpec(
+        "keypoint_stds",
+        (*rows, len(KEYPOINT_NAMES), 2),
+        "float32",
+        "px of the input",
+        "standard deviations of the heat maps in x, y",
+    )
     grids = OutputSpec(
         "masks",
         (*rows, MASK_SIZE, MASK_SIZE),
@@ -146,4 +154,4 @@ def standard_outputs(
         "probability on a grid over the box",
     )
     count = OutputSpec("num_detections", ("B",), "int64", "1", "rows in use")
-    return (boxes, scores, *([points] * keypoints), *([grids] * masks), count)
+    return (boxes, scores, *([points, stds] * keypoints), *([grids] * masks), count)

@@ -310,15 +310,18 @@ class TreeDetector:
         if rows.masks is not None:
             most = self.manifest.thresholds.mask_overlap
             shown = shown[distinct_trees(rows.boxes[shown], rows.masks[shown], most)]
-        points = rows.keypoints
+        points, stds = rows.keypoints, rows.keypoint_stds
         if points is not None:
             points = points[shown]
             xy = letterbox.to_source(points[..., :2].reshape(-1, 2)).reshape(*points.shape[:2], 2)
             points = np.concatenate([xy, points[..., 2:]], axis=2)
+        if stds is not None:
+            stds = (np.abs(stds[shown]) / letterbox.scale).astype(np.float32)
         return TreeDetections(
             boxes_px=boxes[shown],
             scores=rows.scores[shown],
             keypoints_px=points,
+            keypoint_stds_px=stds,
             masks=None if rows.masks is None else rows.masks[shown],
             image_width=width,
             image_height=height,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Float32
 from edgetree.detections import TreeDetections
 
 _INSIDE = 0.5
@@ -68,16 +68,18 @@ def joined(first: TreeDetections, second: TreeDetections, max_overlap: float) ->
     """
     if first.masks is None or second.masks is None:
         return first
-    points = None
-    if first.keypoints_px is not None and second.keypoints_px is not None:
-        points = np.concatenate([first.keypoints_px, second.keypoints_px])
     trees = replace(
         first,
         boxes_px=np.concatenate([first.boxes_px, second.boxes_px]),
         scores=np.concatenate([first.scores, second.scores]),
         masks=np.concatenate([first.masks, second.masks]),
-        keypoints_px=points,
+        keypoints_px=_both(first.keypoints_px, second.keypoints_px),
+        keypoint_stds_px=_both(first.keypoint_stds_px, second.keypoint_stds_px),
     )
     trees = trees.select(np.argsort(-trees.scores, kind="stable"))
     assert trees.masks is not None
     return trees.select(distinct_trees(trees.boxes_px, trees.masks, max_overlap))
+
+
+def _both(first: Float32 | None, second: Float32 | None) -> Float32 | None:
+    return None if first is None or second is None else np.concatenate([first, second])

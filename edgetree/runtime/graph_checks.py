@@ -31,12 +31,14 @@ class ImageOutputs:
         boxes: (N, 4) x0, y0, x1, y1.
         scores: (N,) in [0, 1].
         keypoints: (N, 5, 3) x, y, score; None if the model has no keypoint output.
+        keypoint_stds: (N, 5, 2) standard deviations in x, y; None if the model does not give them.
         masks: (N, 28, 28) probabilities on a grid over the box; None if the model has no masks.
     """
 
     boxes: Float32
     scores: Float32
     keypoints: Float32 | None
+    keypoint_stds: Float32 | None
     masks: Float32 | None
 
 
@@ -153,7 +155,7 @@ def _outputs_of_image(outputs: Mapping[str, NDArray[Any]], index: int, name: str
     used = {
         output: values[index, :count]
         for output, values in outputs.items()
-        if output in ("boxes", "scores", "keypoints", "masks")
+        if output in ("boxes", "scores", "keypoints", "keypoint_stds", "masks")
     }
     for output, values in used.items():
         if not np.isfinite(values).all():
@@ -165,6 +167,5 @@ def _outputs_of_image(outputs: Mapping[str, NDArray[Any]], index: int, name: str
         raise ModelFileError(
             f"model {name} gave scores of {scores.min():g} to {scores.max():g}: expected 0 to 1"
         )
-    return ImageOutputs(
-        used["boxes"], np.clip(scores, 0, 1), used.get("keypoints"), used.get("masks")
-    )
+    branches = (used.get(output) for output in ("keypoints", "keypoint_stds", "masks"))
+    return ImageOutputs(used["boxes"], np.clip(scores, 0, 1), *branches)

@@ -228,6 +228,7 @@ class FakeSession:
         scores: Float32,
         keypoints: Float32 | None = None,
         masks: Float32 | None = None,
+        keypoint_stds: Float32 | None = None,
     ) -> FakeSession:
         """A session that returns the same trees for every image.
 
@@ -237,12 +238,14 @@ class FakeSession:
             scores: (N,) in descending order.
             keypoints: (N, 5, 3) x, y in pixels of the input, score; zeros if None.
             masks: (N, 28, 28) probabilities; ones if None.
+            keypoint_stds: (N, 5, 2) standard deviations in pixels of the input; zeros if None.
         """
         count = len(scores)
         given: dict[str, Float32 | None] = {
             "boxes": boxes,
             "scores": scores,
             "keypoints": keypoints,
+            "keypoint_stds": keypoint_stds,
             "masks": np.ones((count, MASK_SIZE, MASK_SIZE), np.float32) if masks is None else masks,
         }
         outputs: dict[str, NDArray[Any]] = {}

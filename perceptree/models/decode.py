@@ -49,6 +49,30 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px
     return torch.cat((found, score.reshape(regions, keypoints, 1)), dim=2)
 
 
+def keypoint_stds(maps: Tensor, keypoints: Tensor, boxes: Tensor) -> Tensor:
+    """How sure each keypoint is: the standard deviation of its heat map.
+
+    The softmax over a heat map's cells is trained as the probability of the place. Its mean square
+    distance from the keypoint is large also where the map has a second peak.
+
+    Args:
+        maps: (R, K, S, S) logits, one heat map per region and keypoint.
+        keypoints: (R, K, 3) as `decode_keypoints` finds them.
+        boxes: (R, 4) xyxy px, the area that a region's heat maps cover.
+
+    Returns:
+        (R, K, 2): across and down the image, px.
+    """
+    size = maps.shape[-1]
+    chances = maps.flatten(2).softmax(dim=2).reshape(maps.shape)
+    corners, sides = boxes[:, None, :2], (boxes[:, 2:] - boxes[:, :2])[:, None]
+    steps = (torch.arange(size, device=maps.device) + 0.5) / size
+    places = corners[..., None] + steps * sides[..., None]
+    off = places - keypoints[..., :2, None]
+    along = torch.stack((chances.sum(dim=2), chances.sum(dim=3)), dim=2)
+    return (along * off * off).sum(dim=3).sqrt()
+
+
 def cubic_weights(distance: Tensor) -> Tensor:
     """Bicubic weights at a distance in cells (Keys 1981, a = -0.75 as in torch and OpenCV)."""
     x = distance.abs()

@@ -11,7 +11,7 @@ from torch import Tensor
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import losses
 from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, nms_top_k
-from perceptree.models.decode import decode_keypoints
+from perceptree.models.decode import decode_keypoints, keypoint_stds
 from perceptree.models.heads import (
     BOX_CELLS,
     BOX_WEIGHTS,
@@ -40,7 +40,7 @@ from perceptree.settings.sampling import SampleSettings
 class Detections(NamedTuple):
     """The detected trees of a batch: K rows per image by descending score, padded with zeros.
 
-    `keypoints` and `masks` are all zero if the model has no such head.
+    `keypoints`, `keypoint_stds` and `masks` are all zero if the model has no such head.
     """
 
     boxes: Tensor
@@ -49,6 +49,9 @@ class Detections(NamedTuple):
     """(B, K) float32, 0 to 1."""
     keypoints: Tensor
     """(B, K, 5, 3) float32: x px, y px, score 0 to 1 (the softmax at the peak)."""
+    keypoint_stds: Tensor
+    """(B, K, 5, 2) float32, standard deviations of the keypoints' heat maps across and down the
+    image, px."""
     masks: Tensor
     """(B, K, 28, 28) float32, probability of each cell of the box to be stem."""
     num_detections: Tensor
@@ -187,8 +190,8 @@ class TreeRCNN(Trunk):
         boxes, scores, real = self._select(
             boxes.reshape(proposals.boxes.shape), scores, proposals.valid & high
         )
-        keypoints, masks = self._branches(pooler, boxes, real, every_row)
-        return Detections(boxes, scores, keypoints, masks, real.sum(dim=1))
+        branches = self._branches(pooler, boxes, real, every_row)
+        return Detections(boxes, scores, *branches, real.sum(dim=1))
 
     def _select(
         self, boxes: Tensor, scores: Tensor, valid: Tensor
@@ -213,14 +216,15 @@ class TreeRCNN(Trunk):
 
     def _branches(
         self, pooler: RegionPooler, boxes: Tensor, real: Tensor, every_row: bool
-    ) -> tuple[Tensor, Tensor]:
-        """Keypoints and masks of (B, K, 4) boxes; zeros for boxes that are not real (B, K).
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Keypoints, their deviations, and masks of (B, K, 4) boxes.
 
-        Both are all zero where the model has no such head.
+        They are zero for boxes that are not real (B, K), and where the model has no such head.
         """
         spec = self.spec
         shape = boxes.shape[:2]
         keypoints = boxes.new_zeros(*shape, len(KEYPOINT_NAMES), 3)
+        stds = boxes.new_zeros(*shape, len(KEYPOINT_NAMES), 2)
         masks = boxes.new_zeros(*shape, MASK_CELLS, MASK_CELLS)
         rows, order = _rows_of(real, every_row)
         flat, images = (values[rows] for values in _flattened(boxes))
@@ -232,10 +236,12 @@ class TreeRCNN(Trunk):
             longest_px = max(spec.height, spec.width)
             points = decode_keypoints(heat, wide, spec.keypoint_grid, longest_px)
             keypoints = points[order].reshape(keypoints.shape)
+            stds = keypoint_stds(heat, points, wide)[order].reshape(stds.shape)
         if self.mask_head is not None:
             masks = self.mask_head(pooled).sigmoid()[order].reshape(masks.shape)
         missing = ~real[:, :, None, None]
-        return keypoints.masked_fill(missing, 0.0), masks.masked_fill(missing, 0.0)
+        keypoints, stds, masks = (x.masked_fill(missing, 0.0) for x in (keypoints, stds, masks))
+        return keypoints, stds, masks
 
     def _enlarged(self, boxes: Tensor) -> Tensor:
         """The area that the keypoint head uses for (R, 4) boxes, clipped to the image."""

@@ -23,12 +23,19 @@ def _detections(count: int = 3) -> TreeDetections:
         masks=rng.uniform(0, 1, (count, 28, 28)).astype(np.float32),
         image_width=90,
         image_height=80,
+        keypoint_stds_px=rng.uniform(1, 9, (count, 5, 2)).astype(np.float32),
     )
 
 
 @pytest.mark.parametrize(
     ("name", "shape"),
-    [("boxes_px", (3, 5)), ("keypoints_px", (3, 4, 3)), ("masks", (2, 28, 28)), ("scores", (3, 1))],
+    [
+        ("boxes_px", (3, 5)),
+        ("keypoints_px", (3, 4, 3)),
+        ("keypoint_stds_px", (3, 5, 3)),
+        ("masks", (2, 28, 28)),
+        ("scores", (3, 1)),
+    ],
 )
 def test_an_array_of_another_shape_is_named(name: str, shape: tuple[int, ...]) -> None:
     message = rf"{name} has shape \({shape[0]}, {shape[1]}.*expected \("
@@ -36,7 +43,9 @@ def test_an_array_of_another_shape_is_named(name: str, shape: tuple[int, ...]) -
         dataclasses.replace(_detections(), **{name: np.zeros(shape, np.float32)})
 
 
-@pytest.mark.parametrize("name", ["boxes_px", "scores", "keypoints_px", "masks"])
+@pytest.mark.parametrize(
+    "name", ["boxes_px", "scores", "keypoints_px", "masks", "keypoint_stds_px"]
+)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_values_that_are_not_finite_are_named(name: str, value: float) -> None:
     trees = _detections()

@@ -14,6 +14,7 @@ def outputs(boxes: list[list[float]], scores: list[float]) -> dict[str, np.ndarr
         "boxes": np.zeros((1, ROWS, 4), np.float32),
         "scores": np.zeros((1, ROWS), np.float32),
         "keypoints": np.zeros((1, ROWS, 5, 3), np.float32),
+        "keypoint_stds": np.zeros((1, ROWS, 5, 2), np.float32),
         "masks": np.zeros((1, ROWS, 28, 28), np.float32),
         "num_detections": np.array([count]),
     }
@@ -146,6 +147,8 @@ def test_invalid_outputs_are_a_fault_even_on_a_blank_frame(change: object, messa
         ("keypoints", (0, slice(3), 1), 10.0, "keypoint_shift_median is"),
         ("keypoints", (0, slice(2), 0), 20.0, "keypoint_shift_p90 is 0.4472, limit 0.15"),
         ("keypoints", (0, slice(None), 2), 0.1, "keypoint_score_median is 0.1"),
+        ("keypoint_stds", (0, slice(3), 1), 10.0, "keypoint_std_median is 0.2236, limit 0.04"),
+        ("keypoint_stds", (0, slice(2), 0), 20.0, "keypoint_std_p90 is 0.4472, limit 0.15"),
         ("masks", (0, slice(0, 14)), -0.1, "mask_probability_median is 0.05, limit 0.04"),
         ("masks", (0, slice(0, 3)), -0.9, "mask_iou_median is 0.7857, limit 0.85"),
         ("masks", (0, slice(0, 7)), -0.9, "mask_iou_p10 is 0.5, limit 0.6"),

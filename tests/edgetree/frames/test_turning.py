@@ -69,13 +69,17 @@ def test_trees_turn_with_their_picture_and_back(quarters: int) -> None:
     masks[0, :9, 5:20] = 1
     keypoints = rng.uniform(5, 40, (1, 5, 3)).astype(np.float32)
     boxes = np.array([[8, 10, 36, 66]], np.float32)
-    trees = TreeDetections(boxes, np.array([0.9]), keypoints, masks, 96, 80)
+    stds = rng.uniform(1, 9, (1, 5, 2)).astype(np.float32)
+    trees = TreeDetections(boxes, np.array([0.9]), keypoints, masks, 96, 80, keypoint_stds_px=stds)
     turn = Turn(quarters)
     turned = turn.trees(trees)
     np.testing.assert_array_equal(turned.mask(0), turn.picture(trees.mask(0)))
     back = turn.back.trees(turned)
     np.testing.assert_allclose(back.boxes_px, boxes, rtol=1e-6)
     np.testing.assert_allclose(back.keypoints_px, keypoints, rtol=1e-5)
+    np.testing.assert_array_equal(back.keypoint_stds_px, stds)
+    sides = stds if quarters == 2 else stds[..., ::-1]
+    np.testing.assert_array_equal(turned.keypoint_stds_px, sides)
     assert (turned.image_width, turned.image_height) == ((96, 80) if quarters == 2 else (80, 96))
 
 

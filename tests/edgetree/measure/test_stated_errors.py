@@ -32,6 +32,18 @@ def test_an_image_of_half_the_size_gives_keypoints_of_half_the_error(stand):
     assert Keypoints.from_detections(half, MeasureSettings()).std_px == pytest.approx(whole_px / 2)
 
 
+def test_keypoints_have_the_deviations_of_their_heat_maps(stand):
+    trees = stand.detections()
+    settings = MeasureSettings()
+    stds_px = np.full((len(trees), len(KEYPOINT_NAMES), 2), 40.0, np.float32)
+    stds_px[:, LEFT] = 0.0
+    usual = Keypoints.from_detections(trees, settings).std_px
+    sure = Keypoints.from_detections(replace(trees, keypoint_stds_px=stds_px), settings).std_px
+    expected = np.hypot(settings.keypoint_std_px, settings.keypoint_heat * 40.0)
+    assert sure[:, RIGHT] == pytest.approx(np.full((len(trees), 2), expected))
+    assert sure[:, LEFT] == pytest.approx(usual[:, LEFT])
+
+
 @pytest.mark.parametrize(("right_m", "keypoint"), [(-2.0, LEFT), (2.0, RIGHT)])
 def test_a_keypoint_near_the_side_that_cuts_the_stem_off_is_doubted(scene, pole, right_m, keypoint):
     stand = scene(pole(0.5, right_m, 2.0))

@@ -235,6 +235,7 @@ def test_the_standard_outputs_have_the_documented_shapes() -> None:
         "boxes": ("B", 20, 4),
         "scores": ("B", 20),
         "keypoints": ("B", 20, 5, 3),
+        "keypoint_stds": ("B", 20, 5, 2),
         "masks": ("B", 20, 28, 28),
         "num_detections": ("B",),
     }

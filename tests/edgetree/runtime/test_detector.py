@@ -38,6 +38,26 @@ def test_outputs_are_mapped_to_the_image(
     assert (trees.image_width, trees.image_height) == (width, height)
 
 
+def test_deviations_of_keypoints_are_mapped_to_the_image(
+    rgb_manifest: Manifest, two_trees: Trees
+) -> None:
+    stds = np.random.default_rng(0).uniform(1, 9, (2, 5, 2)).astype(np.float32)
+    session = FakeSession.with_trees(rgb_manifest, **two_trees, keypoint_stds=stds)
+    trees = TreeDetector(session, score_threshold=0.01).detect(_image(1280, 720))
+    assert trees.keypoint_stds_px is not None
+    np.testing.assert_allclose(trees.keypoint_stds_px, stds * 2, rtol=1e-5)
+
+
+def test_files_of_before_say_nothing_about_keypoints(
+    rgb_manifest: Manifest, two_trees: Trees
+) -> None:
+    kept = tuple(each for each in rgb_manifest.outputs if each.name != "keypoint_stds")
+    manifest = dataclasses.replace(rgb_manifest, outputs=kept)
+    trees = TreeDetector(FakeSession.with_trees(manifest, **two_trees)).detect(_image())
+    assert trees.keypoints_px is not None
+    assert trees.keypoint_stds_px is None
+
+
 def test_outputs_are_mapped_to_a_tall_image(rgb_manifest: Manifest, two_trees: Trees) -> None:
     session = FakeSession.with_trees(rgb_manifest, **two_trees)
     trees = TreeDetector(session).detect(_image(600, 960))

@@ -97,7 +97,7 @@ def test_a_failed_run_is_an_error_and_the_session_stays_usable(
     with pytest.raises(ModelFileError, match=r"trees\.onnx failed to run on 'cpu' \(") as caught:
         session.run({"image": np.zeros((1, 384, 640), np.uint8)})
     assert "\n" not in str(caught.value)
-    assert len(session.run({"image": np.zeros((1, 384, 640, 3), np.uint8)})) == 5
+    assert len(session.run({"image": np.zeros((1, 384, 640, 3), np.uint8)})) == 6
 
 
 def test_a_graph_that_needs_too_much_memory_is_an_error(

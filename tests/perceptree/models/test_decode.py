@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn import functional
 
-from perceptree.models.decode import decode_keypoints, pixel_peaks, subcell_peaks
+from perceptree.models.decode import decode_keypoints, keypoint_stds, pixel_peaks, subcell_peaks
 
 S = 56
 LONGEST_PX = 1280
@@ -191,3 +191,28 @@ def test_boxes_without_size_and_wild_maps_give_finite_answers(grid: str) -> None
     found = decode_keypoints(maps[:, None], boxes, grid, LONGEST_PX)  # type: ignore[arg-type]
     assert torch.isfinite(found).all()
     assert (found[..., :2] == torch.tensor([5.0, 6.0])).all()
+
+
+def test_deviations_are_those_of_the_heat_map_in_pixels() -> None:
+    cells = (torch.arange(S) + 0.5) / S
+    x, y, std = 0.4, 0.6, (0.05, 0.1)
+    shape = -((cells - x) ** 2) / (2 * std[0] ** 2) - ((cells[:, None] - y) ** 2) / (
+        2 * std[1] ** 2
+    )
+    boxes = torch.tensor([[100.0, 50.0, 180.0, 450.0]])
+    maps = shape[None, None]
+    points = decode_keypoints(maps, boxes, "subcell", LONGEST_PX)
+    found = keypoint_stds(maps, points, boxes)[0, 0]
+    assert found.tolist() == pytest.approx([0.05 * 80, 0.1 * 400], rel=0.01)
+
+
+def test_a_second_peak_makes_a_keypoint_doubtful() -> None:
+    maps = torch.full((1, 2, S, S), -20.0)
+    maps[0, :, 10, 20] = 5.0
+    maps[0, 1, 10, 40] = 4.9
+    boxes = torch.tensor([[0.0, 0.0, 560.0, 560.0]])
+    points = decode_keypoints(maps, boxes, "subcell", LONGEST_PX)
+    (one, two), down = keypoint_stds(maps, points, boxes)[0, :, 0], 10 * S
+    assert one < 0.01 * down
+    share = 1 / (1 + float(torch.exp(torch.tensor(0.1))))
+    assert two == pytest.approx(200 * share**0.5, rel=0.02)
