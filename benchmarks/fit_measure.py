@@ -53,8 +53,7 @@ QUANTITIES = {
 }
 SOURCES = ("labels", "network", "no-vertical")
 SETTINGS = {
-    "keypoint_spread": "diameter-network",
-    "keypoint_slide": "distance-network",
+    "keypoint_heat": "distance-network",
     "mask_std_px": "diameter-network",
     "mask_spread": "diameter-network",
     "depth_bias_per_m": "distance-labels",

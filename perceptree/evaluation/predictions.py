@@ -83,13 +83,13 @@ def predict_with(model: TreeRCNN) -> Predict:
         device = next(model.parameters()).device
         with torch.inference_mode():
             found = model.detect(torch.from_numpy(images).to(device))
-        boxes, scores, keypoints, masks, count = (value.cpu().numpy() for value in found)
+        arrays = {name: value.cpu().numpy() for name, value in found._asdict().items()}
         return RawDetections(
-            boxes,
-            scores,
-            keypoints if model.spec.keypoints else None,
-            masks if model.spec.masks else None,
-            count,
+            arrays["boxes"],
+            arrays["scores"],
+            arrays["keypoints"] if model.spec.keypoints else None,
+            arrays["masks"] if model.spec.masks else None,
+            arrays["num_detections"],
         )
 
     return predict
