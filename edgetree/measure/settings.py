@@ -119,7 +119,7 @@ class MeasureSettings:
     keypoint_std_px: float = 1.05
     keypoint_spread: float = 0.008
     keypoint_slide: float = 0.02
-    keypoint_heat: float = 0.8
+    keypoint_heat: float = 0.9
     mask_std_px: float = 1.3
     mask_spread: float = 0.2
     given_mask_std_px: float = 1.1
