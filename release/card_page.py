@@ -98,6 +98,17 @@ def _detection(card: dict[str, Any]) -> str:
         ["right ones among those shown, %", *(_percent(each["precision"]) for each in shown)],
         ["mean error of the diameter, px", *(f"{each['diameter_error_px']:.1f}" for each in sets)],
     ]
+    for image in card["test"].get("alone", ()):
+        alone = [each["alone"][image] for each in sets]
+        precision = [
+            " / ".join(_number(each["average_precision"][kind], 1) for kind in kinds)
+            for each in alone
+        ]
+        shares = (f"{_percent(x['found_share'])}, {x['invented_per_frame']:.2f}" for x in alone)
+        rows += [
+            [f"{image} alone: AP, %", *precision],
+            [f"{image} alone: found, %, and false trees a frame", *shares],
+        ]
     return _table(["", *_SETS.values()], rows)
 
 

@@ -77,23 +77,13 @@ def once_per_tree(predict: Predict, max_overlap: float) -> Predict:
 
 def detection_figures(detector: TreeDetector, data: Path) -> dict[str, Any]:
     """Average precision, what is found at a score of 0.5, reliability and errors in px."""
-    manifest = detector.manifest
-    dataset = read_dataset(data, "test")
-    predict = once_per_tree(
-        predict_with_file(detector.session, manifest), manifest.thresholds.mask_overlap
-    )
-    store = frames_for(manifest, dataset.frames)
-    about = About({"name": manifest.name}, data.name, "test", dataset.notes)
-    figures = make_report(predict, store, about, manifest.input.batch_sizes[0]).figures
+    figures = _evaluated(detector, data, "both")
     shown = figures["at_score"]
     number = figures["data"]["frames"]
     return {
         "frames": number,
         "trees": figures["data"]["trees"],
-        "average_precision": {
-            kind: None if found is None else round(found["ap"], 2)
-            for kind, found in figures["average_precision"].items()
-        },
+        "average_precision": _average_precision(figures),
         "at_score": {
             "score": SHOWN_SCORE,
             "found": shown["found"],
@@ -107,7 +97,43 @@ def detection_figures(detector: TreeDetector, data: Path) -> dict[str, Any]:
         "reliability": figures["reliability"],
         "diameter_error_px": round(figures["diameter_error_px"]["mean_abs"], 2),
         "weakest": _weakest(figures["by"]),
+    } | _alone(detector, data)
+
+
+def _evaluated(detector: TreeDetector, data: Path, inputs: str) -> dict[str, Any]:
+    """The figures of the report on a test set; of a model of both as `evaluate_file` says."""
+    manifest = detector.manifest
+    dataset = read_dataset(data, "test")
+    predict = once_per_tree(
+        predict_with_file(detector.session, manifest, inputs), manifest.thresholds.mask_overlap
+    )
+    store = frames_for(manifest, dataset.frames)
+    about = About({"name": manifest.name}, data.name, "test", dataset.notes)
+    figures: dict[str, Any] = make_report(
+        predict, store, about, manifest.input.batch_sizes[0]
+    ).figures
+    return figures
+
+
+def _average_precision(figures: dict[str, Any]) -> dict[str, float | None]:
+    return {
+        kind: None if found is None else round(found["ap"], 2)
+        for kind, found in figures["average_precision"].items()
     }
+
+
+def _alone(detector: TreeDetector, data: Path) -> dict[str, Any]:
+    """What a model of both finds with one of its images; nothing for others."""
+    found = {}
+    for inputs in detector.manifest.graph_inputs if detector.manifest.takes_both else ():
+        figures = _evaluated(detector, data, inputs)
+        shown, number = figures["at_score"], figures["data"]["frames"]
+        found[inputs] = {
+            "average_precision": _average_precision(figures),
+            "found_share": shown["recall"],
+            "invented_per_frame": round(shown["invented"] / number, 3),
+        }
+    return {"alone": found} if found else {}
 
 
 def _visible_half(by: dict[str, Any]) -> float | None:
@@ -217,14 +243,15 @@ def card(path: Path, sets: dict[str, Path], checkpoints: Path) -> dict[str, Any]
     record = training_record(path, checkpoints)
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
     manifest = detector.manifest
-    fastest = "edge-n" if manifest.takes_both else f"edge-n-{manifest.modality}"
+    fastest = f"edge-n-{manifest.modality}"
     compared = "the fastest" if path.stem == fastest else f"slower and more accurate than {fastest}"
+    purpose = PURPOSE[manifest.modality]
     figures: dict[str, Any] = {
         "schema": CARD_SCHEMA,
         "model": path.stem,
         "model_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "date": time.strftime("%Y-%m-%d"),
-        "for": f"{PURPOSE[manifest.modality]}; {compared}",
+        "for": purpose if manifest.takes_both else f"{purpose}; {compared}",
         "precision": manifest.precision,
         "file_bytes": path.stat().st_size,
         "parameters": manifest.parameters,

@@ -35,6 +35,7 @@ from edgetree.commands.options import (
 from edgetree.sinks.mqtt_settings import MqttSettings
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
 
@@ -110,7 +111,7 @@ def live(
 
     shown = hide_secrets(source)
     score_threshold = model_options.score_threshold
-    model, rig, settings = checked_set_up(
+    model, rig, settings, pair = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
     style = csv_options.style(outputs.csv)
@@ -134,7 +135,7 @@ def live(
         page_options.listening(source) as service,
         ExitStack() as stack,
     ):
-        opening = LiveSource(source, source_options, rig, takes_depth, service, recorder)
+        opening = LiveSource(source, source_options, rig, takes_depth, service, recorder, pair)
         pipeline = LivePipeline(
             opening,
             detector,
@@ -181,8 +182,10 @@ def checked_set_up(
     outputs: LiveOutputs,
     mqtt: MqttSettings,
     record_options: LiveRecordOptions,
-) -> tuple[str, Rig, MeasureSettings | None]:
-    """Check what can be checked before anything is opened; returns model, rig and settings.
+) -> tuple[str, Rig, MeasureSettings | None, StereoPair | None]:
+    """Check what can be checked before anything is opened.
+
+    Returns model, rig, settings, and the calibration of the two cameras of a recording.
 
     The model is the one that suits the source, if none is given.
 
@@ -206,7 +209,7 @@ def checked_set_up(
     outputs.check(mqtt)
     has_depth = source_options.has_depth(source)
     outputs.check_places(source, has_depth=has_depth or rig_options.references() is not None)
-    rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
+    rig, pair = rig_options.rig_and_pair(metres.camera, None, source_options.right_given)
     source_options.check(source, rig)
     record_options.check()
-    return model or suited_model(has_depth), rig, settings
+    return model or suited_model(has_depth), rig, rig_options.settings(), pair

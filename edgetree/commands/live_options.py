@@ -36,6 +36,7 @@ from edgetree.commands.reference_options import (
 )
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.frames.rig import Rig
     from edgetree.live.health import ServiceHealth
     from edgetree.live.page import PageServer
@@ -55,14 +56,14 @@ def names_no_path(source: str) -> bool:
     return source == CLIENTS or is_camera(source)
 
 
-_TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
+_TOPIC_ROLES: Final = ("colour", "depth", "right", "camera", "depth_camera", "imu")
 
 Topic: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
         metavar="ROLE=NAME",
-        help="Topic of a recording for a role: colour, depth (or point clouds), camera,"
-        " depth_camera or imu.",
+        help="Topic of a recording for a role: colour, depth (or point clouds), right (of a stereo"
+        " pair, whose calibration is --camera), camera, depth_camera or imu.",
         show_default="found by their type, but for clouds",
     ),
 ]
@@ -129,6 +130,11 @@ class LiveSourceOptions:
     as_live: _AsLive = False
     loop: _Loop = False
 
+    @property
+    def right_given(self) -> str | None:
+        """The option that names the right camera of a stereo pair, if one does."""
+        return "--topic right" if "right" in topics_by_role(self.topic) else None
+
     def has_depth(self, source: str) -> bool:
         """Whether the frames of the source have depth, as those of programs may."""
         from edgetree.sources.depth_there import has_depth
@@ -137,7 +143,12 @@ class LiveSourceOptions:
         return source == CLIENTS or has_depth(source, self.depth, topics=topics)
 
     def open(
-        self, source: str, rig: Rig, takes_depth: bool, service: Service | None = None
+        self,
+        source: str,
+        rig: Rig,
+        takes_depth: bool,
+        service: Service | None = None,
+        pair: StereoPair | None = None,
     ) -> FrameSource:
         """Open the source for a model that takes depth, or colour; or that of a service."""
         from edgetree.sources.bags.names import is_bag
@@ -158,6 +169,7 @@ class LiveSourceOptions:
             modality="depth" if are_files and takes_depth and self.depth is None else "both",
             scene=self.scene,
             loop=self.loop,
+            pair=pair,
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
 

@@ -23,6 +23,7 @@ from edgetree.results.csv_style import CsvStyle
 from edgetree.sources.source import FrameSource
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.live.page import PageServer
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
@@ -48,11 +49,12 @@ class LiveSource:
     takes_depth: bool
     service: Service | None
     recorder: FrameRecorder | None
+    pair: StereoPair | None = None
     is_live: bool = False
 
     def __call__(self) -> FrameSource:
         """Open it."""
-        opened = self.options.open(self.text, self.rig, self.takes_depth, self.service)
+        opened = self.options.open(self.text, self.rig, self.takes_depth, self.service, self.pair)
         self.is_live = opened.is_live
         if self.recorder is not None:
             self.recorder.wait_for_disk(waits=not self.is_live)

@@ -131,14 +131,14 @@ class RigOptions:
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
     def rig_and_pair(
-        self, camera: Path | None, depth: Path | None, right: Path | None
+        self, camera: Path | None, depth: Path | None, right: str | None
     ) -> tuple[Rig, StereoPair | None]:
         """The rig, and the calibration of a stereo pair if its right pictures are given.
 
         Args:
             camera: Value of --camera; of a pair it names the calibration.
             depth: Value of --depth.
-            right: Value of --right.
+            right: The option that names these pictures, if one does.
 
         Raises:
             InputError: As for `rig`, or options do not fit a pair.
@@ -150,10 +150,10 @@ class RigOptions:
         if right is None:
             return self.rig(camera, depth), None
         if depth is not None:
-            raise InputError("--depth given with --right: expected only one of them")
+            raise InputError(f"--depth given with {right}: expected only one of them")
         if camera is None:
             raise InputError(
-                "--right given without --camera: expected the calibration of the stereo pair"
+                f"{right} given without --camera: expected the calibration of the stereo pair"
             )
         pair = load_stereo(camera)
         return stereo_rig(self.rig(None, None), pair), pair

@@ -69,7 +69,7 @@ def run(
         run_sharded(ShardedFrames(one, *given), shards, vars(outputs), as_json=as_json)
         return
     detector, model_path = session.open_model(model, score_threshold)
-    rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right)
+    rig, pair = rig_options.rig_and_pair(inputs.camera, inputs.depth, inputs.right_given)
     are_files = one is None or (one.is_dir() and not is_stream(one))
     is_followed = one is not None and (is_stream(one) or is_video(one))
     are_pictures = not any(is_stream(path) or is_video(path) for path in sources.paths)

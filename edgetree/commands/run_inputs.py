@@ -78,6 +78,7 @@ class RunInputs:
                 detector=detector,
                 topics=topics_by_role(self.topic),
                 scene=self.scene,
+                pair=pair,
             )
 
         if source is not None:
@@ -85,6 +86,13 @@ class RunInputs:
         takes_depth = detector.manifest.takes_depth
         depth = self.depth or self.cloud
         return open_several(sources, depth, rig=rig, open_one=opened, takes_depth=takes_depth)
+
+    @property
+    def right_given(self) -> str | None:
+        """The option that names the right camera of a stereo pair, if one does."""
+        if self.right is not None:
+            return "--right"
+        return "--topic right" if "right" in topics_by_role(self.topic) else None
 
     def sees_depth(self, sources: SourceList) -> bool:
         """Whether depth is given or comes with the sources, so that a model for depth suits."""

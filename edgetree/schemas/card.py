@@ -101,6 +101,14 @@ class Metres(TypedDict):
     intervals: dict[str, Intervals]
 
 
+class Alone(TypedDict):
+    """What a model of colour and depth finds with one of the two, at a score of 0.5."""
+
+    average_precision: Precisions
+    found_share: Share
+    invented_per_frame: float
+
+
 class Test(TypedDict):
     """What was measured on a frozen test set."""
 
@@ -112,6 +120,7 @@ class Test(TypedDict):
     diameter_error_px: float
     weakest: list[Weak]
     metres: Metres
+    alone: NotRequired[dict[Literal["colour", "depth"], Alone]]
 
 
 class Speed(TypedDict):

@@ -12,6 +12,7 @@ from edgetree.sources.drive import is_drive
 from edgetree.sources.folders import depth_alone, depth_inside, has_images
 from edgetree.sources.live import VENDORS, is_camera
 from edgetree.sources.phones.opening import is_capture
+from edgetree.sources.stereo import RIGHT_TOPIC
 
 
 def model_for(
@@ -61,7 +62,8 @@ def has_depth(
     if is_drive(path) or is_capture(path) or is_cloud_file(path):
         return True
     if is_bag(path) and not has_images(path):
-        return "depth" in (topics or {}) or _has_depth_topic(path)
+        named = {"depth", RIGHT_TOPIC} & set(topics or {})
+        return bool(named) or _has_depth_topic(path)
     return (depth_alone(path) or depth_inside(path)) is not None
 
 

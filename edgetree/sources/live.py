@@ -11,6 +11,7 @@ from typing import Final
 
 from basetree.secrets import hide_secrets
 from calib import DepthScale
+from calib.stereo import StereoPair
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
 from edgetree.sources.bags.names import is_bag
@@ -26,6 +27,7 @@ from edgetree.sources.opening import check_options, with_scale
 from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.playing import Changed, Looped
 from edgetree.sources.source import FrameSource
+from edgetree.sources.stereo import open_stereo_recording
 
 SOURCE_FORMS: Final = (
     "realsense, oak, orbbec, a device (0, /dev/video0), an address (rtsp://..., http://...), a"
@@ -49,6 +51,7 @@ def open_live_source(
     modality: Modality = "both",
     scene: int | None = None,
     loop: bool = False,
+    pair: StereoPair | None = None,
 ) -> FrameSource:
     """Open a camera, a recording or files; what it is follows from the text.
 
@@ -64,6 +67,7 @@ def open_live_source(
         modality: Which images of a recording are read. Of "depth", images in files are depth.
         scene: Number of the drive in a dataset with several.
         loop: Whether a recording starts again at its end, for ever.
+        pair: Calibration of two cameras, for recordings of which `topics` names `right`.
 
     Raises:
         InputError: There is no such source, or an option does not fit it.
@@ -92,7 +96,9 @@ def open_live_source(
     )
     if camera:
         return _open_camera(name, rig)
-    if is_recording:
+    if is_recording and pair is not None:
+        source = open_stereo_recording(path, pair, topics=topics or {}, rig=rig)
+    elif is_recording:
         source = open_recording(path, topics=topics, modality=modality, rig=rig)
     elif is_phone:
         source = open_capture(path, rig=rig)

@@ -17,6 +17,7 @@ from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.source import FrameSource
 
 if TYPE_CHECKING:
+    from calib.stereo import StereoPair
     from edgetree.runtime.detector import TreeDetector
 
 _OPTION_SOURCES: Final = {
@@ -44,6 +45,7 @@ def open_frames(
     topics: Mapping[str, str] | None = None,
     depth_scale_m: float | None = None,
     scene: int | None = None,
+    pair: StereoPair | None = None,
 ) -> FrameSource:
     """Open the frames of files, a recording or a drive for a model.
 
@@ -57,6 +59,7 @@ def open_frames(
         topics: Names of topics by role, for recordings.
         depth_scale_m: Metres per unit of the depth; that of `rig` if None.
         scene: Number of the drive in a dataset with several.
+        pair: Calibration of two cameras, for recordings of which `topics` names `right`.
 
     Returns:
         The frames; iterating over images is as for `open_source`.
@@ -78,7 +81,10 @@ def open_frames(
     )
     if is_recording:
         from edgetree.sources.bags.recording import open_recording
+        from edgetree.sources.stereo import open_stereo_recording
 
+        if pair is not None:
+            return open_stereo_recording(source, pair, topics=topics or {}, rig=rig)
         return open_recording(source, topics=topics, rig=rig)
     if is_capture(source):
         return open_capture(source, rig=rig)

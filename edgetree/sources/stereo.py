@@ -1,9 +1,9 @@
-"""Stereo pairs as sources: two pictures, or two folders or videos, with their calibration."""
+"""Stereo pairs as sources: two pictures, folders, videos or topics, with their calibration."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -17,6 +17,8 @@ from basetree.errors import InputError
 from calib.stereo import Rectified, StereoDepth, StereoPair
 from edgetree.frames.frame import DepthNoise, Frame
 from edgetree.frames.rig import Rig, unit_vector
+from edgetree.sources.bags.pairing import StampCheck
+from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.files import open_source
 from edgetree.sources.source import BaseSource, FrameSource
 
@@ -30,6 +32,10 @@ _CORRELATION_PX: Final = 8.0
 """Readings nearer than this share their error. Source: bound, the blocks have 7 px."""
 
 _LEAST_NOISE_M: Final = 0.001
+_DEFAULT_PERIOD_NS: Final = 1_000_000_000 // 30
+
+RIGHT_TOPIC: Final = "right"
+"""The role of the right camera's topic in a recording."""
 
 
 def stereo_noise(found: StereoDepth, rectified: Rectified) -> DepthNoise:
@@ -88,28 +94,60 @@ def open_stereo(
     Raises:
         InputError: A source is missing, or they have different numbers of pictures.
     """
-    return _StereoFrames(left, right, pair, rig or Rig())
+    sides = [open_source(path, upright=False) for path in (left, right)]
+    first, second = (side.count for side in sides)
+    if first is not None and second is not None and first != second:
+        raise InputError(
+            f"{left} has {counted(first, 'picture')} and {right} has {second}:"
+            " expected as many, in the same order"
+        )
+    return _StereoFrames(f"{left} and {right}", sides, pair, rig or Rig())
+
+
+def open_stereo_recording(
+    path: Path, pair: StereoPair, *, topics: Mapping[str, str], rig: Rig | None = None
+) -> FrameSource:
+    """Open the two cameras of a recording.
+
+    Pictures belong together if their time stamps differ by at most half a period.
+
+    Args:
+        path: As for `open_recording`.
+        pair: Their calibration.
+        topics: Names of topics by role, as for `open_recording`: `right` is that of the right
+            camera's pictures and `colour` that of the left one's.
+        rig: Correction of the depth.
+
+    Returns:
+        Frames as of `open_stereo`, with the times, verticals and poses of the recording.
+
+    Raises:
+        InputError: As for `open_recording`.
+        MissingPackage: Rosbags is not installed.
+    """
+    of_left = {role: name for role, name in topics.items() if role != RIGHT_TOPIC}
+    of_right = {"colour": topics[RIGHT_TOPIC]}
+    sides = [open_recording(path, topics=each, modality="rgb") for each in (of_left, of_right)]
+    return _StereoRecording(str(path), sides, pair, rig or Rig())
 
 
 class _StereoFrames(BaseSource):
-    def __init__(self, left: Path, right: Path, pair: StereoPair, rig: Rig) -> None:
-        super().__init__(f"{left} and {right}")
-        self._sides = [open_source(path, upright=False) for path in (left, right)]
-        counts = [side.count for side in self._sides]
-        first, second = counts
-        if first is not None and second is not None and first != second:
-            raise InputError(
-                f"{left} has {counted(first, 'picture')} and {right} has {second}:"
-                " expected as many, in the same order"
-            )
-        self.count = counts[0]
+    def __init__(self, name: str, sides: list[FrameSource], pair: StereoPair, rig: Rig) -> None:
+        super().__init__(name)
+        self._sides = sides
+        self.count = sides[0].count
         self._pair, self._rig = pair, rig
         self._sized: dict[tuple[int, int], StereoPair] = {}
 
     def __iter__(self) -> Iterator[Frame]:
         left, right = (iter(side) for side in self._sides)
         wanted = iter(lambda: self._is_closed.is_set() or None, True)
-        return map(lambda _, one, other: self._frame(one, other), wanted, left, right)
+        return map(lambda _, pair: self._frame(*pair), wanted, self._pairs(left, right))
+
+    def _pairs(
+        self, left: Iterator[Frame], right: Iterator[Frame]
+    ) -> Iterable[tuple[Frame, Frame]]:
+        return zip(left, right, strict=False)
 
     def close(self) -> None:
         """End an iteration in progress."""
@@ -134,6 +172,46 @@ class _StereoFrames(BaseSource):
             except calib.CameraError as error:
                 raise calib.CameraError(f"{where}: {error}") from error
         return self._sized[size]
+
+
+class _StereoRecording(_StereoFrames):
+    """The frames of two topics, which belong together by their time stamps."""
+
+    def _pairs(
+        self, left: Iterator[Frame], right: Iterator[Frame]
+    ) -> Iterable[tuple[Frame, Frame]]:
+        checks, sides, is_empty = (StampCheck(), StampCheck()), (left, right), True
+
+        def following(number: int) -> Frame | None:
+            frame = next(sides[number], None)
+            if frame is not None:
+                checks[number].see(_stamp_ns(frame))
+            return frame
+
+        one, other = following(0), following(1)
+        while one is not None and other is not None:
+            ahead_ns = _stamp_ns(one) - _stamp_ns(other)
+            periods = [check.period_ns or _DEFAULT_PERIOD_NS for check in checks]
+            if abs(ahead_ns) <= min(periods) // 2:
+                is_empty = False
+                yield one, other
+                one, other = following(0), following(1)
+            elif ahead_ns < 0:
+                self.counts["left pictures without a right one"] += 1
+                one = following(0)
+            else:
+                self.counts["right pictures without a left one"] += 1
+                other = following(1)
+        if is_empty and not self._is_closed.is_set():
+            raise InputError(
+                f"{self.name}: no left and right picture are of the same moment: expected time"
+                " stamps that differ by at most half a period"
+            )
+
+
+def _stamp_ns(frame: Frame) -> int:
+    assert frame.time_s is not None
+    return round(frame.time_s * 1e9)
 
 
 def stereo_frame(left: Frame, right: NDArray[np.uint8], pair: StereoPair, rig: Rig) -> Frame:
