@@ -72,9 +72,6 @@ class OneImage:
         return f"found by {self.image} alone: {self.reason}"
 
 
-_ROWS: Final = ("boxes_px", "scores", "keypoints_px", "masks", "keypoint_stds_px")
-"""Arrays with a row for each tree."""
-
 _Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
 
 
@@ -171,8 +168,16 @@ class TreeDetections:
 
     def select(self, index: _Index) -> TreeDetections:
         """The trees selected by a slice, a (N,) bool array or an array of indices."""
-        arrays = {name: getattr(self, name) for name in _ROWS}
-        return replace(self, **{name: x if x is None else x[index] for name, x in arrays.items()})
+        optional = (self.keypoints_px, self.masks, self.keypoint_stds_px)
+        keypoints, masks, stds = (each if each is None else each[index] for each in optional)
+        return replace(
+            self,
+            boxes_px=self.boxes_px[index],
+            scores=self.scores[index],
+            keypoints_px=keypoints,
+            masks=masks,
+            keypoint_stds_px=stds,
+        )
 
     def above(self, score_threshold: float) -> TreeDetections:
         """The trees whose score is at least `score_threshold`."""

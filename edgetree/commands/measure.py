@@ -272,7 +272,7 @@ def measure(
         run_sharded(work, shards, vars(outputs), as_json=as_json)
         return
     keep_remarks()
-    rig, pair = rig_options.rig_and_pair(camera, depth, inputs.right and "--right")
+    rig, pair = rig_options.rig_and_pair(camera, depth, "--right" if inputs.right else None)
     settings = rig_options.settings()
     opened = None if mask is not None else session.open_model(model, score_threshold)
 
