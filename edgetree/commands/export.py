@@ -98,7 +98,8 @@ def showing_differences() -> Iterator[None]:
     try:
         yield
     except ParityFailed as error:
-        complain(error.report.table())
+        for line in error.report.table().splitlines():
+            complain(line, whole=True)
         raise
 
 

@@ -120,3 +120,18 @@ def test_the_command_says_that_average_precision_was_not_measured(
     assert parity["average_precision"] == {}
     assert [line.startswith(NO_LABELS) for line in parity["not_checked"]] == [True]
     assert exported.parity.figures()["not_checked"] == []  # float32 needs no labels
+
+
+def test_the_differences_are_a_table_with_a_line_for_each_frame(
+    sample_folder: Path, tamper: Tamper, run_cli: Cli
+) -> None:
+    file = tamper(default_model("depth"), HEADS["keypoints zeroed"][0])
+    done = run_cli("verify", file, DEPTH_CHECKPOINT, "--data", sample_folder)
+    assert done.code == 1
+    lines = done.err.splitlines()
+    head = next(number for number, line in enumerate(lines) if line.startswith("frame "))
+    named = [line.split()[0] for line in lines[head + 1 : head + 5]]
+    assert named == sorted(path.stem[:15] for path in sample_folder.iterdir())
+    assert all(
+        len(line.split()) == len(lines[head + 1].split()) for line in lines[head + 1 : head + 5]
+    )
