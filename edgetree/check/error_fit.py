@@ -30,6 +30,7 @@ MIN_STEMS: Final = 20
 FITTED_SETTINGS: Final = (
     "keypoint_std_px",
     "keypoint_spread",
+    "keypoint_heat",
     "mask_std_px",
     "mask_spread",
     "given_mask_std_px",

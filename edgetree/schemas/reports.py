@@ -216,6 +216,7 @@ class Parity(TypedDict):
     matched_fraction: Share
     box_px_max: float
     keypoint_px_max: float
+    keypoint_std_px_max: NotRequired[float]
     score_max: float
     keypoint_score_max: float
     mask_probability_max: float

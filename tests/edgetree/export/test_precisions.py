@@ -245,7 +245,7 @@ def test_float16_keeps_the_types_of_inputs_and_outputs(half: Any, model: TreeRCN
     kinds = {value.name: value.type.tensor_type.elem_type for value in half.graph.output}
     assert kinds.pop("num_detections") == TensorProto.INT64
     assert set(kinds.values()) == {TensorProto.FLOAT}
-    assert len(kinds) == 4
+    assert len(kinds) == 5
 
 
 def test_float16_graph_is_sorted_and_rounds_no_coordinates(half: Any) -> None:
