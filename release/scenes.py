@@ -37,14 +37,17 @@ def main() -> None:
     """Write the card."""
     parser = command_line(__doc__)
     parser.add_argument("card", type=Path, help="file to write, MODEL.json")
-    parser.add_argument("--after", type=Path, help="card of the model that the training began with")
+    parser.add_argument(
+        "--after", type=Path, nargs="+", default=[], help="cards of the models that it began with"
+    )
     for option, use in USES.items():
         parser.add_argument(f"--{option}", type=Path, nargs="+", default=[], help=f"data for {use}")
     options = parser.parse_args()
     known: list[dict[str, Any]] = []
-    if options.after is not None:
-        before = json.loads(options.after.read_text("utf-8"))["training_scenes"]
-        known = [each for each in before if each["use"].startswith(USES["training"])]
+    for path in options.after:
+        before = json.loads(path.read_text("utf-8"))["training_scenes"]
+        of_training = (each for each in before if each["use"].startswith(USES["training"]))
+        known += [each for each in of_training if each not in known]
     for option, use in USES.items():
         known += [scenes_of(folder, use) for folder in getattr(options, option)]
     card = {"schema": CARD_SCHEMA, "model": options.card.stem, "training_scenes": known}

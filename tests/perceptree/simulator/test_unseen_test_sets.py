@@ -18,6 +18,7 @@ from perceptree.simulator.settings.presets import PRESETS
 ROOT = Path(__file__).parents[3]
 FOLDER = ROOT / "edgetree/assets/models"
 CARDS = sorted(FOLDER.glob("*.json"))
+ALL_CARDS = [*CARDS, *sorted((ROOT / "models").glob("*.json"))]
 
 
 def frozen_scenes(name: str) -> set[int]:
@@ -51,14 +52,14 @@ def read(path: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text("utf-8")))
 
 
-@pytest.mark.parametrize("path", CARDS, ids=[path.stem for path in CARDS])
+@pytest.mark.parametrize("path", ALL_CARDS, ids=[path.stem for path in ALL_CARDS])
 def test_no_model_was_made_with_a_scene_of_a_test_set(path: Path) -> None:
     card = read(path)
     assert len(made_with(card)) > 1000
     assert shared(card) == []
 
 
-@pytest.mark.parametrize("path", CARDS, ids=[path.stem for path in CARDS])
+@pytest.mark.parametrize("path", ALL_CARDS, ids=[path.stem for path in ALL_CARDS])
 def test_a_card_names_the_scenes_of_every_kind_of_use(path: Path) -> None:
     uses = {entry["use"] for entry in read(path)["training_scenes"]}
     assert {"training", "scale of the scores", "ranges of INT8"} <= uses
