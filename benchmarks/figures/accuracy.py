@@ -226,6 +226,29 @@ def models() -> Iterator[str]:
     return table(["`test` / `field-test`", *(f"`{name}`" for name in MODELS)], rows)
 
 
+def both_images() -> Iterator[str]:
+    """What a model of colour and depth finds with both and with one, beside models of one."""
+    both, others = card("edge-s"), {name: card(name) for name in ("edge-s-depth", "edge-n-rgb")}
+
+    def cells(found: list[Record]) -> list[str]:
+        scores = [each["average_precision"] for each in found]
+        kinds = ("boxes", "masks", "keypoints")
+        precision = (" / ".join(f"{score[kind]:.1f}" for kind in kinds) for score in scores)
+        shown = [each.get("at_score", each) for each in found]
+        right = " / ".join(_percent(each["found_share"]) for each in shown)
+        false = " / ".join(f"{each['invented_per_frame']:.2f}" for each in shown)
+        return [*precision, right, false]
+
+    sets = ("test", "field_test")
+    rows = [["`edge-s`, both images", *cells([both[name] for name in sets])]]
+    for image, other in (("depth", "edge-s-depth"), ("colour", "edge-n-rgb")):
+        alone = [both[name]["alone"][image] for name in sets]
+        rows.append([f"`edge-s`, {image} alone", *cells(alone)])
+        rows.append([f"`{other}`", *cells([others[other][name] for name in sets])])
+    head = ["", "AP of boxes / masks / keypoints, `test`", "`field-test`"]
+    return table([*head, "trees found", "false trees a frame"], rows)
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "values": values,
     "by-distance": by_distance,
@@ -237,4 +260,5 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "sensors": sensors,
     "sensor-cards": sensor_cards,
     "models": models,
+    "both-images": both_images,
 }

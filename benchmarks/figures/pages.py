@@ -10,7 +10,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
-CARDS = ROOT / "edgetree" / "assets" / "models"
+CARDS = (ROOT / "edgetree" / "assets" / "models", ROOT / "models")
 END = "<!-- end of figures -->"
 _PLACE = re.compile(rf"^<!-- figures: ([\w-]+) -->\n.*?^{END}$", re.DOTALL | re.MULTILINE)
 
@@ -24,8 +24,9 @@ def stored(name: str) -> Record:
 
 
 def card(name: str) -> Record:
-    """The card of a packaged model."""
-    record: Record = json.loads((CARDS / f"{name}.json").read_text("utf-8"))
+    """The card of a model of the package, or of the folder `models`."""
+    path = next(path for folder in CARDS if (path := folder / f"{name}.json").is_file())
+    record: Record = json.loads(path.read_text("utf-8"))
     return record
 
 

@@ -22,15 +22,15 @@ python -m release.join data/paper-921 data/field-921 data/both-paper-909 data/bo
 perceptree train data/both-mixed --init models/edge-s-depth.safetensors --init-colour models/edge-n-rgb.safetensors --recipe varied --freeze-level 5 --frozen-norms --learning-rate 0.0008 --evaluate-every 100000 --steps 1000 --out runs/b01
 perceptree train data/both-mixed --init runs/b01/best.safetensors --recipe varied --freeze-level 3 --frozen-norms --backbone-rate 0.3 --learning-rate 0.0007 --evaluate-every 100000 --steps 2763 --out runs/b02
 # Weights rounded to 7 bits, which the int8 file needs.
-perceptree train data/both-large --init runs/b02/best.safetensors --branch runs/b02 --recipe varied --freeze-level 3 --frozen-norms --backbone-rate 0.3 --learning-rate 0.0007 --weight-bits 7 --evaluate-every 100000 --steps STEPS --out runs/b03
+perceptree train data/both-large --init runs/b02/best.safetensors --branch runs/b02 --recipe varied --freeze-level 3 --frozen-norms --backbone-rate 0.3 --learning-rate 0.0007 --weight-bits 7 --evaluate-every 100000 --steps 1737 --out runs/b03
 
 perceptree synth --out data/both-cal-paper --preset paper --seed 922 --views 3 --frames 100
 perceptree synth --out data/both-cal-field --preset field --seed 922 --views 3 --frames 100
 perceptree synth --out data/test --preset test
 perceptree synth --out data/field-test --preset field-test
 perceptree calibrate-scores runs/b03/best.safetensors data/both-cal-paper data/both-cal-field --split train --out models/edge-s.safetensors
-edgetree export models/edge-s.safetensors --out models/edge-s.onnx --precision int8 --proposals 60 --calibration data/both-cal-paper --data data/test
+edgetree export models/edge-s.safetensors --out models/edge-s.onnx --precision int8 --proposals 60 --calibration data/both-cal-field --data data/test
 python -m benchmarks.error_factor models/edge-s.onnx data/both-cal-paper data/both-cal-field
-python -m release.scenes models/edge-s.json --after models/edge-s-depth.json models/edge-n-rgb.json --training data/paper-921 data/field-921 data/both-paper-909 data/both-field-909 data/both-field-905 --scale data/both-cal-paper data/both-cal-field --ranges data/both-cal-paper
+python -m release.scenes models/edge-s.json --after models/edge-s-depth.json models/edge-n-rgb.json --training data/paper-921 data/field-921 data/both-paper-909 data/both-field-909 data/both-field-905 --scale data/both-cal-paper data/both-cal-field --ranges data/both-cal-field
 python -m release.cards --test data/test --field-test data/field-test --models models/edge-s.onnx --checkpoints models
 python -m release.half models/edge-s.safetensors --out checkpoints/edge-s.safetensors

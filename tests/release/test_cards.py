@@ -11,6 +11,7 @@ from release.cards import SAME_WEIGHTS, training_record
 
 ROOT = Path(__file__).resolve().parents[2]
 CARDS = sorted((ROOT / "edgetree/assets/models").glob("*.json"))
+MODELS = sorted((ROOT / "models").glob("*.json"))
 
 
 @pytest.mark.parametrize("path", CARDS, ids=lambda path: path.stem)
@@ -28,7 +29,7 @@ def test_a_card_tells_the_training_of_the_checkpoint_with_its_weights(path: Path
 
 def test_models_with_the_same_weights_share_a_checkpoint() -> None:
     kept = {path.stem for path in (ROOT / "checkpoints").glob("*.safetensors")}
-    assert kept == {path.stem for path in CARDS} - set(SAME_WEIGHTS)
+    assert kept == {path.stem for path in (*CARDS, *MODELS)} - set(SAME_WEIGHTS)
 
 
 def test_a_card_begins_with_the_scenes_of_the_datasets(
