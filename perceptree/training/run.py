@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from basetree.errors import SettingsError
+from basetree.errors import InputFileError, SettingsError
+from basetree.files.locking import locked
 from basetree.files.names import is_utf8
 from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN
@@ -65,7 +68,8 @@ def train(
 
     Raises:
         DatasetError: If the data cannot be read.
-        CheckpointError: If `out` cannot be written, or a file is unreadable or does not match.
+        CheckpointError: If `out` cannot be written or another training writes there, or a file is
+            unreadable or does not match.
         SettingsError: If the loss is not finite, memory is too small, there are no such starting
             weights, or the device is missing.
     """
@@ -83,7 +87,7 @@ def train(
         raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
     if engine.device == "cpu":
         keep_freed_memory()
-    with process_group(engine.device) as processes:
+    with process_group(engine.device) as processes, _alone_in(out, processes):
         source = data if isinstance(data, DataSource) else DataSource(data)
         run = _TrainingRun(spec, settings, engine, source, out, init, heads, branch, processes)
         try:
@@ -93,6 +97,25 @@ def train(
                 f"batch is {settings.batch}, for which the device has too little memory: expected"
                 " a smaller batch, or a larger accumulate"
             ) from error
+
+
+@contextmanager
+def _alone_in(out: Path, processes: Processes) -> Iterator[None]:
+    """Keep other trainings out of a folder; two would replace each other's state."""
+    if not processes.is_lead:
+        yield
+        return
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(locked(out / STATE_NAME, wait_s=0.0))
+        except InputFileError as error:
+            if not isinstance(error.__cause__, BlockingIOError):
+                raise CheckpointError(str(error)) from error
+            raise CheckpointError(
+                f"{out}: another training writes there: expected it to have ended, or another"
+                " folder"
+            ) from error
+        yield
 
 
 @dataclasses.dataclass

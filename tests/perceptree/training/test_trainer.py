@@ -53,6 +53,20 @@ def test_resumed_equals_uninterrupted(posts: Path, tmp_path: Path) -> None:
     assert [name for name in first if not torch.equal(first[name], second[name])] == []
 
 
+def test_two_trainings_do_not_write_into_one_folder(posts: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+
+    def second(status: Status) -> None:
+        if status.step == 1:
+            before = sorted(run.iterdir())
+            with pytest.raises(CheckpointError, match="run: another training writes there"):
+                train(small_spec(), settings(), posts, run)
+            assert sorted(run.iterdir()) == before
+
+    assert train(small_spec(), settings(), posts, run, second).steps == 4
+    assert train(small_spec(), settings(), posts, run).steps == 4
+
+
 def test_a_finished_training_is_not_repeated(posts: Path, tmp_path: Path) -> None:
     first = train(small_spec("rgb"), settings(), posts, tmp_path / "run")
     steps: list[int] = []
