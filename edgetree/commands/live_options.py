@@ -133,7 +133,7 @@ class LiveSourceOptions:
     @property
     def right_given(self) -> str | None:
         """The option that names the right camera of a stereo pair, if one does."""
-        return "--topic right" if "right" in topics_by_role(self.topic) else None
+        return right_topic(self.topic)
 
     def has_depth(self, source: str) -> bool:
         """Whether the frames of the source have depth, as those of programs may."""
@@ -208,6 +208,11 @@ def topics_by_role(texts: list[str] | None) -> dict[str, str]:
             )
         found[role] = name
     return found
+
+
+def right_topic(texts: list[str] | None) -> str | None:
+    """The words for --topic if it names the right camera of a stereo pair."""
+    return "--topic right" if "right" in topics_by_role(texts) else None
 
 
 @dataclass(frozen=True)

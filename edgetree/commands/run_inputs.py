@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from edgetree.commands.live_options import Scene, Topic, topics_by_role
+from edgetree.commands.live_options import Scene, Topic, right_topic, topics_by_role
 from edgetree.commands.options import INPUT, Camera, Cloud, Depth, ModelByInput, Right, quoted
 
 if TYPE_CHECKING:
@@ -90,9 +90,7 @@ class RunInputs:
     @property
     def right_given(self) -> str | None:
         """The option that names the right camera of a stereo pair, if one does."""
-        if self.right is not None:
-            return "--right"
-        return "--topic right" if "right" in topics_by_role(self.topic) else None
+        return "--right" if self.right is not None else right_topic(self.topic)
 
     def sees_depth(self, sources: SourceList) -> bool:
         """Whether depth is given or comes with the sources, so that a model for depth suits."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -180,6 +181,15 @@ class _StereoRecording(_StereoFrames):
     def _pairs(
         self, left: Iterator[Frame], right: Iterator[Frame]
     ) -> Iterable[tuple[Frame, Frame]]:
+        try:
+            yield from self._of_one_moment(left, right)
+        finally:
+            for side in self._sides:  # both read the same file
+                self.counts |= Counter(side.counts)
+
+    def _of_one_moment(
+        self, left: Iterator[Frame], right: Iterator[Frame]
+    ) -> Iterator[tuple[Frame, Frame]]:
         checks, sides, is_empty = (StampCheck(), StampCheck()), (left, right), True
 
         def following(number: int) -> Frame | None:

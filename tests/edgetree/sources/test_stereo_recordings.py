@@ -61,6 +61,16 @@ def test_a_picture_without_a_partner_is_left_out(write_pair: Callable[..., Path]
     assert source.counts == {"left pictures without a right one": 2}
 
 
+def test_a_recording_without_its_end_is_said(write_pair: Callable[..., Path]) -> None:
+    path = write_pair(6)
+    (file,) = [path] if path.is_file() else path.glob("*.mcap")
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) * 9 // 10])
+    source = open_stereo_recording(file, bent_pair(), topics=TOPICS)
+    assert 0 < len(list(source)) < 6
+    assert source.counts["end missing"] == 1
+
+
 def test_pictures_of_other_moments_are_no_pairs(write_pair: Callable[..., Path], bags: Any) -> None:
     path = write_pair(2, delay_ns=10 * bags.PERIOD_NS)
     source = open_stereo_recording(path, bent_pair(), topics=TOPICS)
