@@ -6,15 +6,16 @@ the next number that is free.
 
 from __future__ import annotations
 
+import _thread
 import errno
 import io
 import logging
 import os
+import queue
 import re
 import shutil
 import stat
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -58,15 +59,15 @@ class GrowingFile(io.TextIOBase):
         self._pending: list[str] = []
         self._fault: OSError | None = None
         self._is_synced = True
-        self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
+        # An interrupt may leave the lock of a `threading.Event` or `Thread.start` locked. No lock here.
+        self._closing: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._is_over: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._descriptor: int | None = None
         self._is_own = not is_stream(path)
         with errors_naming(path):
             self._descriptor = _new_file(path) if self._is_own else _stream(path)
         if self._is_own:
-            self._thread = threading.Thread(target=self._sync, name="edgetree-sync", daemon=True)
-            self._thread.start()
+            _thread.start_new_thread(self._sync, ())
 
     def writable(self) -> bool:
         """Always true."""
@@ -105,15 +106,15 @@ class GrowingFile(io.TextIOBase):
             return
         try:
             self.flush()
-            self._closing.set()
-            if self._thread is not None:
-                self._thread.join()
+            if self._is_own:
+                self._closing.put(None)
+                self._is_over.get()
                 with errors_naming(self.path):
                     os.fsync(self._descriptor)
         finally:
-            self._closing.set()
-            os.close(self._descriptor)
-            self._descriptor = None
+            self._closing.put(None)
+            descriptor, self._descriptor = self._descriptor, None  # an interrupt closes none twice
+            os.close(descriptor)
             super().close()
 
     def _write_whole(self, descriptor: int, data: bytes) -> None:
@@ -131,15 +132,23 @@ class GrowingFile(io.TextIOBase):
 
     def _sync(self) -> None:
         """The thread that waits for the disk, which may take its time."""
-        while not self._closing.wait(SYNC_EVERY_S):
-            if self._is_synced or self._descriptor is None:
+        while not self._is_closed_within(SYNC_EVERY_S):
+            descriptor = self._descriptor
+            if self._is_synced or descriptor is None:
                 continue
             self._is_synced = True
             try:
-                os.fsync(self._descriptor)
-                _check_is_there(self._descriptor, self._where)
+                os.fsync(descriptor)
+                _check_is_there(descriptor, self._where)
             except OSError as error:
                 self._fault = error
+        self._is_over.put(None)
+
+    def _is_closed_within(self, seconds: float) -> bool:
+        with suppress(queue.Empty):
+            self._closing.get(timeout=seconds)
+            return True
+        return False
 
 
 def keep_older(path: Path) -> Path | None:

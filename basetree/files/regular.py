@@ -34,22 +34,29 @@ def open_regular(path: Path | str) -> io.BufferedReader:
             `strerror` says which.
     """
     try:
-        descriptor = os.open(path, _FLAGS)
+        return open(path, "rb", opener=_opened)
     except ValueError as error:  # a NUL in the path
         raise OSError(errno.EINVAL, f"not a path, {error}", str(path)) from error
+
+
+def _opened(path: str, _: int) -> int:
+    """The descriptor of a regular file. Only the file that takes it closes it.
+
+    A second owner would close it again if an interrupt came as the file is made, and the error of
+    that would hide the interrupt.
+    """
+    try:
+        descriptor = os.open(path, _FLAGS)
     except OSError as error:
         if error.errno == errno.ENXIO:  # what Linux says of a socket
             raise _not_regular(error.errno, stat.S_IFSOCK, path) from error
         raise
-    try:
-        kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
-        if kind != stat.S_IFREG:
-            code = errno.EISDIR if kind == stat.S_IFDIR else errno.EINVAL
-            raise _not_regular(code, kind, path)
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
+    kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
+    if kind != stat.S_IFREG:
         os.close(descriptor)
-        raise
+        code = errno.EISDIR if kind == stat.S_IFDIR else errno.EINVAL
+        raise _not_regular(code, kind, path)
+    return descriptor
 
 
 def read_regular(path: Path | str, largest_bytes: int | None = None) -> bytes:
@@ -74,6 +81,6 @@ def read_regular(path: Path | str, largest_bytes: int | None = None) -> bytes:
     return data
 
 
-def _not_regular(code: int, kind: int, path: Path | str) -> OSError:
+def _not_regular(code: int, kind: int, path: str) -> OSError:
     words = _KINDS.get(kind, "of an unknown kind")
-    return OSError(code, f"{words}, expected a regular file", str(path))
+    return OSError(code, f"{words}, expected a regular file", path)
