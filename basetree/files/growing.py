@@ -59,7 +59,7 @@ class GrowingFile(io.TextIOBase):
         self._pending: list[str] = []
         self._fault: OSError | None = None
         self._is_synced = True
-        # An interrupt may leave the lock of a `threading.Event` or `Thread.start` locked. No lock here.
+        # An interrupt may leave a `threading.Event` locked, and `Thread.start`. No lock here.
         self._closing: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._is_over: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._descriptor: int | None = None
