@@ -228,20 +228,37 @@ class Stand:
             self.camera.height,
         )
 
-    def truth(self, number: int) -> dict[str, Any]:
-        """True values of a stem by the names of the measured quantities."""
+    def lowest_m(self, number: int, mask: Bool) -> float:
+        """Length above the foot, along the axis, of the lowest bark that a mask shows."""
+        lengths = np.arange(-BELOW_M, self.stems[number].top_m, 0.005)
+        points = np.stack([self.front_m(number, length) for length in lengths])
+        columns, rows = np.floor(project_points(self.camera, points)).astype(int).T
+        height, width = mask.shape
+        seen = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        seen[seen] = mask[rows[seen], columns[seen]]
+        return float(lengths[seen.argmax()])
+
+    def truth(self, number: int, distance_at_m: float | None = None) -> dict[str, Any]:
+        """True values of a stem by the names of the measured quantities.
+
+        Args:
+            number: Its number.
+            distance_at_m: Length above the foot at which the distance is taken; at the felling cut
+                if None.
+        """
         stem, cone = self.stems[number], self.cones[number]
         cosine = float(cone.along @ self.up)
         uphill_m = stem.diameter_m / 2 * float(np.linalg.norm(self.gradient))
         breast_m = (BREAST_HEIGHT_M + uphill_m) / cosine
         cut = self.front_m(number, stem.cut_m)
         axis = self.axis_m(number, stem.cut_m)
+        at = axis if distance_at_m is None else self.axis_m(number, distance_at_m)
         return {
             "diameter_m": cone.girth_diameter_m(stem.section_m + BELOW_M),
             "dbh_m": cone.girth_diameter_m(breast_m + BELOW_M),
             "cut_height_m": stem.cut_m * cosine - uphill_m,
             "inclination_deg": stem.lean_deg,
-            "distance_m": float(np.linalg.norm(axis)),
+            "distance_m": float(np.linalg.norm(at)),
             "axis_distance_m": float(np.linalg.norm(axis - (axis @ cone.along) * cone.along)),
             "cut_point_m": cut,
         }
@@ -250,6 +267,7 @@ class Stand:
         self,
         trees: TreeDetections | None = None,
         *,
+        masks: list[Bool] | None = None,
         given_masks: list[Bool] | None = None,
         vertical: bool = True,
         settings: MeasureSettings | None = None,
@@ -257,15 +275,19 @@ class Stand:
     ) -> Iterator[tuple[TreeMeasurement, dict[str, Any]]]:
         """Measure all stems; yields each measurement with the true values.
 
+        Without keypoints the distance is that of the lowest part that the mask shows.
+
         Args:
             trees: Detections in place of exact ones.
+            masks: (H, W) masks that the detections have, where they are not the visible ones.
             given_masks: (H, W) masks that a caller gives.
             vertical: Whether the vertical is given.
             settings: Settings of the measurement.
             options: Further arguments of `measure_trees`.
         """
+        trees = self.detections() if trees is None else trees
         found = measure_trees(
-            self.detections() if trees is None else trees,
+            trees,
             self.depth_m,
             self.camera,
             masks=given_masks,
@@ -273,5 +295,9 @@ class Stand:
             settings=settings,
             **options,
         )
-        for number, tree in zip(self.measured, found, strict=True):
-            yield tree, self.truth(number)
+        if trees.keypoints_px is not None:
+            yield from ((tree, self.truth(n)) for n, tree in zip(self.measured, found, strict=True))
+            return
+        shown = given_masks or masks or self.masks()
+        for number, tree, mask in zip(self.measured, found, shown, strict=True):
+            yield tree, self.truth(number, self.lowest_m(number, mask))

@@ -34,7 +34,7 @@ def _measured(rng: np.random.Generator, frame: Stand, mask: Bool, keypoints: boo
     """The first stem with this mask, given or by a network."""
     frame.depth_m = stereo_noise(frame.depth_m, rng, rng.uniform(0.0005, 0.002))
     trees = frame.detections(rng, keypoints=keypoints, masks=[mask])
-    return frame.readings(trees, given_masks=[mask] if rng.random() < 0.5 else None)
+    return frame.readings(trees, masks=[mask], given_masks=[mask] if rng.random() < 0.5 else None)
 
 
 def _two(
