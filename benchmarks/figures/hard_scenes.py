@@ -25,6 +25,7 @@ SCENES = (
     ("second-behind", "diameter_m", "second stem half behind, one mask"),
     ("second-behind", "distance_m", "the same"),
     ("second-beside", "diameter_m", "second stem beside, equally far, one mask"),
+    ("second-in-front-keypoints", "distance_m", "second stem in front, in the mask of one behind"),
     ("fork-alone", "diameter_m", "fork, mask without keypoints"),
     ("leaning", "inclination_deg", "thin stems leaning 30 to 48 degrees"),
     ("oval", "diameter_m", "sections with axes of 1.1"),

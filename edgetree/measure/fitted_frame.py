@@ -13,10 +13,13 @@ from calib import RigidTransform
 from calib.directions import lengths
 from edgetree.measure import foot
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
+from edgetree.measure.constants.ground import MOVED_BY_TURN_M
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
     BREAST_HEIGHT_SHAPE,
     CUT_SHAPE,
+    HIGHEST_CUT_M,
+    LOWEST_CUT_M,
     MIN_DIAMETER_M,
     TAPER_PER_M,
 )
@@ -200,9 +203,21 @@ class FittedFrame:
         below_m = np.vecdot(section_m - bases.feet, stems.sections.axes.along)
         std_m = np.hypot(stems.distance_std_m, below_m * stems.tilt_std_rad)
         along = stems.sections.axes.along
-        feet = foot_distances(self.frame, outline, bases, grounds, along, std_m)
+        reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
+        above_m = np.vecdot(bases.cuts - section_m, along)
+        told = self.keypoints.offered & self.keypoints.within[:, CUT]
+        told &= (above_m >= LOWEST_CUT_M) & (above_m <= HIGHEST_CUT_M)
+        cut_std_m = stems.distance_m * self.keypoints.std_px[:, CUT, 1] / reach_px
+        cut_std_m = np.where(told, cut_std_m, np.nan)
+        feet = foot_distances(self.frame, outline, bases, grounds, along, std_m, cut_std_m)
         doubted_m = np.hypot(stems.distance_std_m, feet.doubt_m)
-        return replace(self, stems=replace(stems, distance_std_m=doubted_m), feet=feet)
+        # Readings of something else, such as a branch, also turn the axis around their middle. A
+        # move and a turn part the foot's difference by least squares.
+        lever_m = np.nan_to_num(np.maximum(below_m + self.widths.middle_m(), 0.0))
+        turn_rad = feet.own_doubt_m * lever_m / (lever_m**2 + MOVED_BY_TURN_M**2)
+        tilt_rad = np.hypot(stems.tilt_std_rad, turn_rad)
+        doubted = replace(stems, distance_std_m=doubted_m, tilt_std_rad=tilt_rad)
+        return replace(self, stems=doubted, feet=feet)
 
     @cached_property
     def widths(self) -> MaskWidths:

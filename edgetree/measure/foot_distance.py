@@ -24,6 +24,7 @@ from edgetree.measure.constants.ground import (
     OTHER_FOOT_SHARE,
     UNEVEN_STD_M,
 )
+from edgetree.measure.constants.placing import CUT_ABOVE_GROUND_M, CUT_ABOVE_GROUND_STD_M
 from edgetree.measure.constants.stems import MAX_RELATIVE_STD
 from edgetree.measure.estimates import Failure
 from edgetree.measure.foot_readings import below_feet, goes_on_below
@@ -49,6 +50,8 @@ class FootDistances(NamedTuple):
         told: (T,) whether the foot of a stem contradicts its depth by itself.
         late: Whether the depth of the frame is of an earlier moment.
         doubt_m: (T,) standard deviations to add to those of the distances.
+        own_doubt_m: (T,) part of them that depth of an earlier moment does not explain.
+        high: (T,) whether the felling cut comes out higher than usual.
     """
 
     beyond_m: Float
@@ -56,12 +59,19 @@ class FootDistances(NamedTuple):
     told: Bool
     late: LateDepth
     doubt_m: Float
+    own_doubt_m: Float
+    high: Bool
 
     def warning(self, index: int) -> tuple[str, ...]:
         """What the foot of one stem, or those of the others, tells of its depth."""
         beyond_m = self.beyond_m.item(index)
         if self.told[index] and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
             return (_contradiction(beyond_m),)
+        if self.high[index]:
+            return (
+                "the felling cut comes out so high above the ground that the depth may be of"
+                " something in front of the stem",
+            )
         if self.late.std_m > MIN_LATE_STD_M:
             side = "in front of" if self.late.beyond_m > 0 else "behind"
             return (
@@ -98,6 +108,7 @@ def foot_distances(
     grounds: Sequence[BaseGround | Failure],
     along: Float,
     stem_std_m: Float,
+    cut_std_m: Float,
 ) -> FootDistances:
     """Compare the distances of T stems with those of their feet.
 
@@ -114,6 +125,8 @@ def foot_distances(
         grounds: Ground at each stem.
         along: (T, 3) unit vectors up the axes.
         stem_std_m: (T,) standard deviations of the stems' distances at their feet.
+        cut_std_m: (T,) standard deviations of the felling cuts along the axes; NaN where no
+            keypoint tells it.
     """
     normals, offsets_m, std_m, above = _planes(grounds, bases.feet)
     below_m, behind_m = below_feet(
@@ -148,14 +161,49 @@ def foot_distances(
     other = np.minimum(OTHER_FOOT_SHARE + above, _MAX_OTHER)
     late = late_depth(beyond_m[telling], total_m[telling], other[telling], beside)
     # What the difference shows beyond its standard deviation, as in Birge's ratio.
-    excess_m = np.sqrt(np.maximum(beyond_m**2 - total_m**2, 0.0))
+    excess_m = np.where(told, np.sqrt(np.maximum(beyond_m**2 - total_m**2, 0.0)), 0.0)
+    high_m = _high_cuts(bases, normals, offsets_m, np.hypot(std_m, cut_std_m), stem_std_m)
+    excess_m = np.maximum(excess_m, high_m)
     return FootDistances(
         beyond_m=np.where(seen, beyond_m, np.nan),
         std_m=total_m,
         told=told,
         late=late,
-        doubt_m=np.maximum(np.where(told, excess_m, 0.0), late.std_m),
+        doubt_m=np.maximum(excess_m, late.std_m),
+        own_doubt_m=np.sqrt(np.maximum(excess_m**2 - late.std_m**2, 0.0)),
+        high=high_m > 0,
     )
+
+
+def _high_cuts(
+    bases: StemBases, normals: Float, offsets_m: Float, std_m: Float, stem_std_m: Float
+) -> Float:
+    """How much further T stems are if their felling cuts are as high above the ground as usual.
+
+    A cut that is higher by more than `FOOT_DISTANCE_STDS` standard deviations shows that the depth
+    may be of something in front of the stem, such as another one that is in its mask. So much that
+    the distance would be unknown is not told by a height.
+
+    Args:
+        bases: The lower ends of the stems.
+        normals: (T, 3) of the ground.
+        offsets_m: (T,) heights of the camera above it; 0 where there is none.
+        std_m: (T,) standard deviations of the heights of ground and cut.
+        stem_std_m: (T,) standard deviations of the stems' distances.
+
+    Returns:
+        (T,) what the differences show beyond that, 0 where nothing does.
+    """
+    height_m = np.vecdot(bases.cuts, normals) + offsets_m
+    fall_m = np.maximum(offsets_m - height_m, _MIN_FALL * offsets_m)
+    known = (offsets_m > 0) & np.isfinite(std_m) & np.isfinite(height_m)
+    per_height = np.where(known, np.linalg.norm(bases.cuts, axis=1) / np.where(known, fall_m, 1), 0)
+    higher_m = np.maximum(np.where(known, height_m, 0.0) - CUT_ABOVE_GROUND_M, 0.0)
+    usual_m = np.sqrt(std_m**2 + CUT_ABOVE_GROUND_STD_M**2 + UNEVEN_STD_M**2)
+    total_m = np.hypot(per_height * usual_m, stem_std_m)
+    squares = (per_height * higher_m) ** 2 - (FOOT_DISTANCE_STDS * total_m) ** 2
+    most_m = MAX_RELATIVE_STD * np.linalg.norm(bases.cuts, axis=1)
+    return np.where(known, np.clip(np.sqrt(np.maximum(squares, 0.0)), 0.0, most_m), 0.0)
 
 
 def _planes(

@@ -208,7 +208,8 @@ class StemPosition:
         """The height of the cut, or a failure if plants hide the ground.
 
         They do if the surface is too unsteady for ground, if gaps or the stem show deeper ground,
-        or if the cut comes out below it by more than its own error.
+        or if the cut comes out below it by more than its own error. A height that is less certain
+        than half the height of the highest stumps is not given either.
 
         Args:
             height: Height of the cut above the ground on the uphill side.
@@ -225,13 +226,18 @@ class StemPosition:
                 " surface around the base"
             )
         soil = above_soil(height, ground.stated_cover.value > 0)
-        if not ground.hidden:
-            return soil
-        return Failure(
-            f"plants hide the ground: the felling cut is {100 * soil.value:.0f} cm or"
-            " more above it, as"
-            " the surface or the stem shows deeper ground"
-        )
+        if ground.hidden:
+            return Failure(
+                f"plants hide the ground: the felling cut is {100 * soil.value:.0f} cm or"
+                " more above it, as"
+                " the surface or the stem shows deeper ground"
+            )
+        if soil.std > MAX_CUT_ABOVE_GROUND_M / 2:
+            return Failure(
+                f"the height of the felling cut is uncertain by {100 * soil.std:.0f} cm: expected"
+                f" less than {50 * MAX_CUT_ABOVE_GROUND_M:.0f} cm, as stumps are low"
+            )
+        return soil
 
     def cut_point(self) -> PointEstimate:
         """Point of the cut on the bark that faces the camera, in camera coordinates."""

@@ -241,13 +241,14 @@ def read_diameters(
     value_m = 2 * stems.distance_m[rows] * np.sin(half.rad)
     tilt_std = stems.tilt_std_rad / stems.distance_m
     edge_std_m = value_m * np.hypot(EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
-    shape_doubt = _beyond_shape(stems, edges, rows, along_m, value_m, edge_std_m)
+    visible = picked.visible_at(along_m)
+    shape_doubt = _beyond_shape(stems, edges, rows, along_m, value_m, edge_std_m, visible)
     edge_std_m = np.hypot(edge_std_m, shape_doubt * value_m)
     other_std = np.hypot(shared_std[rows], tilt_std[rows] * along_m)
     collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m, value_m)
     collar_std_m = value_m * collar_std
     std_m = np.hypot(np.hypot(edge_std_m, value_m * other_std), collar_std_m)
-    seen = picked.visible_at(along_m) & (std_m <= MAX_RELATIVE_STD * value_m) & above_collar
+    seen = visible & (std_m <= MAX_RELATIVE_STD * value_m) & above_collar
     breast = [
         Estimate(value, std) if visible else None
         for value, std, visible in zip(
@@ -286,12 +287,19 @@ def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Index, Float]:
 
 
 def _beyond_shape(
-    stems: Stems, edges: StemEdges, rows: Index, along_m: Float, value_m: Float, std_m: Float
+    stems: Stems,
+    edges: StemEdges,
+    rows: Index,
+    along_m: Float,
+    value_m: Float,
+    std_m: Float,
+    visible: Bool,
 ) -> Float:
     """By how much diameters differ from what a tapering stem with that section has.
 
     Arms of a fork, branches and a nearer stem that hides an edge change the width of a mask. What a
-    difference shows beyond `SHAPE_STDS` standard deviations counts as one, as in Birge's ratio.
+    difference shows beyond `SHAPE_STDS` standard deviations counts as one, as in Birge's ratio. It
+    is that to the section, or that to the thinnest place below: stems do not get thicker upwards.
 
     Args:
         stems: The fitted stems.
@@ -300,6 +308,7 @@ def _beyond_shape(
         along_m: (N,) positions along the axes, from the section.
         value_m: (N,) diameters.
         std_m: (N,) their standard deviations by edges and shape.
+        visible: (N,) whether both edges show there.
 
     Returns:
         (N,) relative standard deviations.
@@ -312,8 +321,31 @@ def _beyond_shape(
     swell_std = edges.butt_swell_std[rows] * above_swell
     stds = [section_std[rows] * expected, taper_std, swell_std, std_m / value_m * expected]
     off = value_m / (2 * stems.radius_m[rows]) - expected
-    beyond = np.maximum(off**2 - SHAPE_STDS**2 * np.square(stds).sum(0), 0.0)
-    return np.asarray(np.sqrt(beyond) / expected)
+    beyond = np.maximum(off**2 - SHAPE_STDS**2 * np.square(stds).sum(0), 0.0) / expected**2
+    size = value_m / expected
+    lowest = _thinnest_below(rows, along_m, np.where(visible, size, np.inf))
+    grown = size / size[lowest] - 1
+    edge_std = std_m / value_m
+    taper_std = TAPER_SPREAD_PER_M * (along_m - along_m[lowest])
+    variance = edge_std**2 + edge_std[lowest] ** 2 + taper_std**2
+    grown = np.maximum(grown**2 - SHAPE_STDS**2 * variance, 0.0)
+    return np.asarray(np.sqrt(np.maximum(beyond, grown)))
+
+
+def _thinnest_below(rows: Index, along_m: Float, size_m: Float) -> Index:
+    """(N,) number of the smallest of the sizes of the same stem from there down.
+
+    Those that are not known are infinite.
+    """
+    order = np.lexsort((along_m, rows))
+    # Each stem's sizes are below all of those of the stems before it.
+    highest_m = 1 + size_m[np.isfinite(size_m)].max(initial=0.0)
+    shifted = np.minimum(size_m[order], highest_m) - 2 * rows[order] * highest_m
+    is_least = shifted <= np.minimum.accumulate(shifted)
+    least = np.maximum.accumulate(np.where(is_least, np.arange(len(order)), 0))
+    found = np.empty_like(order)
+    found[order] = order[least]
+    return found
 
 
 def _root_collar(from_ground: Bool, height_m: Float, diameter_m: Float) -> tuple[Float, Bool]:

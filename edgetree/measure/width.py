@@ -73,6 +73,13 @@ class MaskWidths:
         shares = 1 - np.exp(-np.maximum(lowest_m, 0.0) / SWELL_LENGTH_M)
         return np.asarray(shares.mean(0))
 
+    def middle_m(self) -> Float:
+        """(T,) middle of the heights at which either edge shows; 0 where none does."""
+        number = self.valid.sum((0, 2))
+        return np.asarray(
+            np.where(self.valid, self.height_m, 0.0).sum((0, 2)) / np.maximum(number, 1)
+        )
+
     def lowest_m(self) -> Float:
         """(T,) lowest heights at which both edges are visible; infinite where there are none."""
         return np.asarray(np.where(self.valid.all(0), self.height_m, np.inf).min(1))

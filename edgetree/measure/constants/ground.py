@@ -135,6 +135,10 @@ MIN_LATE_PROBABILITY: Final = 0.06
 """Less probable shifts of the depth are not looked at, as most frames would be a little wider.
 Source: chosen, feet that make one three times as likely, which is hardly worth a mention."""
 
+MOVED_BY_TURN_M: Final = 2.0
+"""What is taken for a stem moves its depth by so many metres for each radian by which it turns it.
+Source: chosen on scenes of forks and branches, whose stems are seen over some 2 m."""
+
 OTHER_FOOT_SHARE: Final = 0.05
 """Probability that a foot is moved by something else, such as a mask that ends too early. The share
 of the points that stand above the ground is added, as plants hide feet.

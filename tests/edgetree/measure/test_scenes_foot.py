@@ -107,3 +107,34 @@ def test_depth_far_from_the_foot_is_refused(scene, pole):
     tree, _ = measured(now, depth_m)
     assert isinstance(tree.axis_distance_m, Failure)
     assert "something in front" in tree.axis_distance_m.reason
+
+
+@pytest.mark.parametrize("seed", range(1080, 1086))
+def test_depth_of_a_nearer_stem_in_the_mask_is_in_doubt(scene, pole, seed):
+    """Keypoints are on the further of two stems, and the nearer one fills most of its mask."""
+    rng = np.random.default_rng(seed)
+    ahead_m, size_m, side = rng.uniform(6.5, 7.5), rng.uniform(0.25, 0.35), rng.choice([-1, 1])
+    nearer = pole(size_m, side * 0.4 * size_m, 0.65 * ahead_m, top_m=9.0)
+    stand = scene(pole(size_m, 0.0, ahead_m, top_m=9.0), nearer, camera_height_m=1.8)
+    mask = stand.owner > 0
+    trees = stand.detections([mask, mask]).select([0])
+    depth_m = stand.noisy_depth_m(seed)
+    (tree,) = measure_trees(trees, depth_m, stand.camera, masks=[mask], up_camera=stand.up)
+    off_m = tree.axis_distance_m.value - ahead_m
+    assert off_m < -1.0
+    assert abs(off_m) < 3 * tree.axis_distance_m.std
+    assert any("in front of the stem" in each for each in tree.evidence.warnings)
+
+
+@pytest.mark.parametrize("seed", range(1090, 1096))
+def test_the_lean_is_in_doubt_where_the_foot_contradicts_the_depth(scene, pole, seed):
+    """The depth is that of an arm that leans to the camera, with its foot behind the stem's."""
+    rng = np.random.default_rng(seed)
+    ahead_m, size_m = rng.uniform(5.0, 6.5), rng.uniform(0.25, 0.4)
+    now = scene(pole(size_m, 0.0, ahead_m, top_m=6.0), camera_height_m=1.8)
+    arm = pole(size_m, 0.0, ahead_m + 0.5, lean_deg=18.0, lean_towards_deg=-90.0, top_m=6.0)
+    depth_m = scene(arm, camera_height_m=1.8).noisy_depth_m(seed)
+    tree, _ = measured(now, depth_m)
+    assert feet(tree)
+    assert tree.inclination_deg.value > 10
+    assert tree.inclination_deg.value < 3 * tree.inclination_deg.std

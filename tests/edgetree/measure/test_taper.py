@@ -131,3 +131,13 @@ def test_the_axis_distance_needs_no_cut(scene, pole):
     tree = stand.measure(trees)
     assert tree.distance_m == Failure("the felling cut is not in the image")
     assert tree.axis_distance_m.value == pytest.approx(stand.measure().axis_distance_m.value)
+
+
+@pytest.mark.parametrize(("taper", "is_doubted"), [(0.01, False), (-0.03, False), (-0.06, True)])
+def test_what_gets_thicker_upwards_is_in_doubt(scene, pole, taper, is_doubted):
+    """As where the arms of a fork have one outline."""
+    stand = scene(pole(0.3, ahead_m=5.0, top_m=4.0, taper=taper, section_m=1.0, cut_m=0.8))
+    trees = replace(stand.detections(), keypoints_px=None)
+    tree = stand.measure(trees, level=True, masks=stand.masks())
+    grown_m = tree.dbh_m.value - 0.3
+    assert (tree.dbh_m.std > 0.6 * grown_m > 0.03) == is_doubted
