@@ -28,6 +28,7 @@ _log = logging.getLogger(__name__)
 SYNC_EVERY_S: Final = 1.0
 """Time between two attempts to write a growing file to the disk, s."""
 
+_LONGEST_SYNC_S: Final = 10.0
 _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
@@ -108,7 +109,9 @@ class GrowingFile(io.TextIOBase):
             self.flush()
             if self._is_own:
                 self._closing.put(None)
-                self._is_over.get()
+                # A process that was forked has no such thread.
+                with suppress(queue.Empty):
+                    self._is_over.get(timeout=_LONGEST_SYNC_S)
                 with errors_naming(self.path):
                     os.fsync(self._descriptor)
         finally:
@@ -132,17 +135,19 @@ class GrowingFile(io.TextIOBase):
 
     def _sync(self) -> None:
         """The thread that waits for the disk, which may take its time."""
-        while not self._is_closed_within(SYNC_EVERY_S):
-            descriptor = self._descriptor
-            if self._is_synced or descriptor is None:
-                continue
-            self._is_synced = True
-            try:
-                os.fsync(descriptor)
-                _check_is_there(descriptor, self._where)
-            except OSError as error:
-                self._fault = error
-        self._is_over.put(None)
+        try:
+            while not self._is_closed_within(SYNC_EVERY_S):
+                descriptor = self._descriptor
+                if self._is_synced or descriptor is None:
+                    continue
+                self._is_synced = True
+                try:
+                    os.fsync(descriptor)
+                    _check_is_there(descriptor, self._where)
+                except OSError as error:
+                    self._fault = error
+        finally:
+            self._is_over.put(None)
 
     def _is_closed_within(self, seconds: float) -> bool:
         with suppress(queue.Empty):
