@@ -201,11 +201,10 @@ def _observe(view: View) -> tuple[DepthFrame, Keypoints, StemObservations]:
     wanted = ~keypoints.has_section | keypoints.unseen
     frame, boxes_px, straight = with_straight_parts(frame, view.boxes_px, wanted)
     keypoints = keypoints.without_foot(straight.above_foot)
-    wanted = ~keypoints.has_section
     observed = observe_stems(frame, boxes_px, keypoints)
     if observed.outline is None:
         return frame, keypoints, observed
-    frame, boxes_px, second = without_second_stems(frame, boxes_px, observed.outline, wanted)
+    frame, boxes_px, second = without_second_stems(frame, boxes_px, observed.outline, keypoints)
     if second.cut.any():
         observed = observe_stems(frame, boxes_px, keypoints)
     return frame, keypoints, replace(observed, straight=straight, second=second)

@@ -12,6 +12,7 @@ from edgetree.measure.across_mask import PARTS, AcrossMasks, look_across
 from edgetree.measure.constants.depth import SIDE_BY_SIDE_RADII, SURFACE_M
 from edgetree.measure.constants.outlines import FORK_WIDTH, SAME_EDGE_SHARE, STEP_STD_PX
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame, MaskGrid
+from edgetree.measure.keypoints import MIDDLE, Keypoints
 from edgetree.measure.outline import Outline
 from edgetree.measure.regions import SearchRegions
 
@@ -23,6 +24,8 @@ _MIN_TRUNK = 2
 _MIN_PIECE, _MIN_GAP = 3, 2
 # From the lowest to the highest part, the width of a stem changes by factors between these.
 _NARROWS, _WIDENS = 0.6, 1.3
+# A keypoint so many standard deviations beside a stem is of another one.
+_MISSED_STDS = 3.0
 
 
 class SecondStems(NamedTuple):
@@ -71,19 +74,22 @@ class _Stem(NamedTuple):
 
 
 def without_second_stems(
-    frame: DepthFrame, boxes_px: Float, outline: Outline, wanted: Bool
+    frame: DepthFrame, boxes_px: Float, outline: Outline, keypoints: Keypoints
 ) -> tuple[DepthFrame, Float, SecondStems]:
-    """Cut second stems out of the masks.
+    """Cut second stems out of the masks of stems whose section no keypoints tell.
+
+    If keypoints on the axis are of another stem than the nearer one, nothing tells which is meant.
 
     Args:
         frame: Depth, masks and settings.
         boxes_px: (T, 4) boxes x0, y0, x1, y1.
         outline: Edges in the masks.
-        wanted: (T,) which masks to look at: those of stems that no keypoints tell.
+        keypoints: Keypoints of the stems.
 
     Returns:
         The frame and the boxes without them, and which masks hold one.
     """
+    wanted = ~keypoints.has_section
     second = SecondStems(np.zeros_like(wanted), np.zeros_like(wanted))
     if not wanted.any() or frame.masks is None:
         return frame, boxes_px, second
@@ -100,6 +106,9 @@ def without_second_stems(
         stem = _meant(parts, parting[index], regions, frame.camera.fx)
         if stem is None:
             second.unclear[index] = parted[index] or parts.two.sum() >= _MIN_TWO
+            continue
+        if _misses(stem, keypoints, index, regions):
+            second.unclear[index] = True
             continue
         other = parts.two | parting[index]
         if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
@@ -201,6 +210,17 @@ def _through(pieces: _Pieces, own: Bool, parts: AcrossMasks, position: Float) ->
     inner[part] = pieces.inner[own]
     slope, value = np.polyfit(position[part], pieces.edges_px[own], 1)
     return _Stem(np.column_stack([value, slope]), inner, int(part.max()))
+
+
+def _misses(stem: _Stem, keypoints: Keypoints, index: int, regions: SearchRegions) -> bool:
+    """Whether a keypoint on the axis is outside of the lines along a stem."""
+    shown = keypoints.within[index, MIDDLE:]
+    from_px = keypoints.xy_px[index, MIDDLE:][shown] - regions.origin_px[0]
+    along, across = from_px @ regions.along[0], from_px @ regions.across[0]
+    left, right = (value + slope * along for value, slope in stem.lines)
+    off_px = np.maximum(left - across, across - right)
+    std_px = keypoints.std_px[index, MIDDLE:, 0][shown]
+    return bool((off_px > _MISSED_STDS * std_px).any())
 
 
 def _pieces(parts: AcrossMasks, parting: Bool) -> _Pieces:

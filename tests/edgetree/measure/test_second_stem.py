@@ -58,6 +58,26 @@ def test_of_two_stems_the_nearer_one_is_measured(scene, pole, seed, further, apa
         assert abs(value.value - true) < 3 * value.std
 
 
+@pytest.mark.parametrize("seed", range(1000, 1004))
+@pytest.mark.parametrize("number", [0, 1])
+def test_keypoints_on_the_axis_tell_which_one_is_meant(scene, pole, seed, number):
+    """Those of the further stem, whose section is not seen: the nearer one is not taken for it."""
+    near, stand = two(scene, pole, seed, 1.4, 1.0)
+    mask = stand.owner > 0
+    trees = stand.detections([mask] * 2).select([number])
+    points = trees.keypoints_px.copy()
+    points[:, :3, 2] = 0.0
+    trees = replace(trees, keypoints_px=points, masks=None)
+    depth_m = stand.noisy_depth_m(seed, 0.001)
+    tree = stand.measure(trees, depth_m=depth_m, masks=[mask], level=True, settings=None)
+    if number == 1:
+        assert SEVERAL in tree.axis_distance_m.reason
+    else:
+        assert tree.axis_distance_m.value == pytest.approx(
+            np.hypot(near.right_m, near.ahead_m), abs=0.1
+        )
+
+
 def test_a_second_stem_is_said(scene, pole):
     trees = [measured(two(scene, pole, seed, 1.3, 0.7)[1], seed) for seed in range(1000, 1006)]
     assert sum(map(warned, trees)) >= 5
