@@ -52,6 +52,8 @@ _TRUTHS: Final = {
     "dbh_m": "diameter_breast_m",
     "cut_height_m": "cut_height_m",
 }
+# An axis bends aside by this share of the length at most.
+_BENDS = 0.15
 _DRIVE_STEPS, _STEP_M = 9, 0.25
 _POSE_TURN_DEG, _POSE_SCALE = 0.2, 0.02
 # From the stand's level axes (right, down, ahead) to a fixed frame with z up.
@@ -143,7 +145,17 @@ def _bark_m(
     if not (mask[row, column] and depth_m > 0):
         return None
     camera = PinholeCamera.from_dict(image["camera"])
-    return number, pixels_to_rays(camera, np.array([column + 0.5, row + 0.5])) * float(depth_m)
+    point_m = pixels_to_rays(camera, np.array([column + 0.5, row + 0.5])) * float(depth_m)
+    return (number, point_m) if _is_bark(image, trees[number], point_m) else None
+
+
+def _is_bark(image: dict[str, Any], tree: dict[str, Any], point_m: Float) -> bool:
+    """Whether a camera point is on the stem of a tree, and not on a branch of it or a twig."""
+    from_cut_m, up = point_m - np.array(tree["position_m"]), np.array(image["up_camera"])
+    above_m = float(from_cut_m @ up)
+    aside_m = float(np.linalg.norm(from_cut_m - above_m * up))
+    leans_m = abs(above_m) * np.tan(np.radians(tree["inclination_deg"]))
+    return bool(aside_m < tree["diameter_m"] + leans_m + _BENDS * abs(above_m))
 
 
 def by_motion(rows: Rows, seed: int, *, aside: bool) -> None:
