@@ -64,6 +64,13 @@ def gather_evidence(
     )
 
 
+def distance_place(has_cut: bool, offers_keypoints: bool) -> str:
+    """Where `TreeMeasurement.distance_m` is taken; empty if it is not known."""
+    if has_cut:
+        return FELLING_CUT
+    return "" if offers_keypoints else LOWEST_SEEN
+
+
 def stump_warning(
     height: Estimate | Failure,
     above_surface: Estimate | Failure,

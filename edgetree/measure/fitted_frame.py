@@ -13,13 +13,10 @@ from calib import RigidTransform
 from calib.directions import lengths
 from edgetree.measure import foot
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
-from edgetree.measure.constants.ground import MOVED_BY_TURN_M
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
     BREAST_HEIGHT_SHAPE,
     CUT_SHAPE,
-    HIGHEST_CUT_M,
-    LOWEST_CUT_M,
     MIN_DIAMETER_M,
     TAPER_PER_M,
 )
@@ -31,7 +28,7 @@ from edgetree.measure.cut_diameter import (
     incomplete_stds,
 )
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
-from edgetree.measure.evidence import FELLING_CUT, LOWEST_SEEN, gather_evidence, stump_warning
+from edgetree.measure.evidence import distance_place, gather_evidence, stump_warning
 from edgetree.measure.foot_distance import FootDistances, foot_distances
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, StemBases
@@ -200,22 +197,16 @@ class FittedFrame:
         if outline is None:
             return self
         section_m = stems.distance_m[:, None] * stems.sections.centre
-        below_m = np.vecdot(section_m - bases.feet, stems.sections.axes.along)
-        std_m = np.hypot(stems.distance_std_m, below_m * stems.tilt_std_rad)
         along = stems.sections.axes.along
+        below_m = np.vecdot(section_m - bases.feet, along)
+        std_m = np.hypot(stems.distance_std_m, below_m * stems.tilt_std_rad)
         reach_px = self.frame.camera.fx * lengths(self.observed.edges.middle)
         above_m = np.vecdot(bases.cuts - section_m, along)
-        told = self.keypoints.offered & self.keypoints.within[:, CUT]
-        told &= (above_m >= LOWEST_CUT_M) & (above_m <= HIGHEST_CUT_M)
-        cut_std_m = stems.distance_m * self.keypoints.std_px[:, CUT, 1] / reach_px
-        cut_std_m = np.where(told, cut_std_m, np.nan)
+        cut_std_m = stems.distance_m * self.keypoints.cut_stds_px(above_m) / reach_px
         feet = foot_distances(self.frame, outline, bases, grounds, along, std_m, cut_std_m)
         doubted_m = np.hypot(stems.distance_std_m, feet.doubt_m)
-        # Readings of something else, such as a branch, also turn the axis around their middle. A
-        # move and a turn part the foot's difference by least squares.
         lever_m = np.nan_to_num(np.maximum(below_m + self.widths.middle_m(), 0.0))
-        turn_rad = feet.own_doubt_m * lever_m / (lever_m**2 + MOVED_BY_TURN_M**2)
-        tilt_rad = np.hypot(stems.tilt_std_rad, turn_rad)
+        tilt_rad = np.hypot(stems.tilt_std_rad, feet.turn_stds_rad(lever_m))
         doubted = replace(stems, distance_std_m=doubted_m, tilt_std_rad=tilt_rad)
         return replace(self, stems=doubted, feet=feet)
 
@@ -361,7 +352,7 @@ class FittedFrame:
                 self.stems,
                 self.observed,
                 ground,
-                self._place(problem),
+                distance_place(problem is None, self.keypoints.offered),
                 warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
             rig_std=stem.rig_std(taper.dbh_m, height, vertical),
@@ -383,12 +374,6 @@ class FittedFrame:
         if not self.keypoints.within[index, CUT]:
             return Failure("the felling cut is not in the image")
         return stem.cut_failure(height, bool(self.keypoints.has_section[index]))
-
-    def _place(self, problem: Failure | None) -> str:
-        """Where `TreeMeasurement.distance_m` is taken; empty if it is not known."""
-        if problem is None:
-            return FELLING_CUT
-        return "" if self.keypoints.offered else LOWEST_SEEN
 
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections, to_camera = self.stems, self.stems.sections, self.frame.to_camera

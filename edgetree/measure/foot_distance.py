@@ -21,6 +21,7 @@ from edgetree.measure.constants.ground import (
     FOOT_DISTANCE_STDS,
     LITTER_STD_M,
     MIN_LATE_STD_M,
+    MOVED_BY_TURN_M,
     OTHER_FOOT_SHARE,
     UNEVEN_STD_M,
 )
@@ -86,6 +87,17 @@ class FootDistances(NamedTuple):
         if not (self.told[index] and abs(beyond_m) > MAX_RELATIVE_STD * distance_m):
             return None
         return f"no depth on the stem: {_contradiction(beyond_m)}"
+
+    def turn_stds_rad(self, lever_m: Float) -> Float:
+        """(T,) standard deviations of a turn of the axes, in radians.
+
+        Readings of something else, such as a branch, move the axis and turn it around their middle.
+        Least squares share the difference at the foot between the move and the turn.
+
+        Args:
+            lever_m: (T,) length along the axis from the foot to the middle of the readings.
+        """
+        return np.asarray(self.own_doubt_m * lever_m / (lever_m**2 + MOVED_BY_TURN_M**2))
 
 
 def _contradiction(beyond_m: float) -> str:
@@ -181,8 +193,8 @@ def _high_cuts(
     """How much further T stems are if their felling cuts are as high above the ground as usual.
 
     A cut that is higher by more than `FOOT_DISTANCE_STDS` standard deviations shows that the depth
-    may be of something in front of the stem, such as another one that is in its mask. So much that
-    the distance would be unknown is not told by a height.
+    may be of something in front of the stem, such as another one that is in its mask. The result is
+    at most `MAX_RELATIVE_STD` of the distance.
 
     Args:
         bases: The lower ends of the stems.

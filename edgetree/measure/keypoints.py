@@ -20,6 +20,7 @@ from edgetree.measure.constants.outlines import (
     REACHES_SIDE_SHARE,
     UNSEEN_SCORE,
 )
+from edgetree.measure.constants.stems import HIGHEST_CUT_M, LOWEST_CUT_M
 from edgetree.measure.settings import MeasureSettings, network_std_px, reference_px
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
@@ -118,6 +119,16 @@ class Keypoints:
             offered=trees.keypoints_px is not None,
             unseen=np.asarray(unseen),
         )
+
+    def cut_stds_px(self, above_m: Float) -> Float:
+        """(T,) standard deviations of the felling cuts along the stems; NaN where none is told.
+
+        Args:
+            above_m: (T,) their heights above the sections, which have to be plausible.
+        """
+        told = self.offered & self.within[:, CUT]
+        told &= (above_m >= LOWEST_CUT_M) & (above_m <= HIGHEST_CUT_M)
+        return np.where(told, self.std_px[:, CUT, 1], np.nan)
 
     def without_foot(self, stems: Bool) -> Keypoints:
         """The same without sections and cuts of some of the stems, chosen by flags (T,)."""
