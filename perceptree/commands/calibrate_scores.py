@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,11 +31,20 @@ def calibrate_scores(
             help="Ignore labelled trees beyond this distance in metres, in datasets that know it."
         ),
     ] = None,
+    keep_level: Annotated[
+        bool,
+        typer.Option(
+            "--keep-level",
+            help="Let masks count in the scores, but keep them about as high as they were: for"
+            " scores that were scaled, or chosen, on other data.",
+        ),
+    ] = False,
 ) -> None:
     """Scale the scores of a checkpoint, so that of those of 0.9 nine in ten are trees.
 
-    All datasets count the same, whatever their size. The order of the detections stays, and with it
-    the average precision. The scale becomes part of the weights.
+    All datasets count the same, whatever their size. The certainty of a tree's mask becomes part of
+    its score, as far as that tells better how exact the box is. The scale becomes part of the
+    checkpoint.
     """
     from perceptree.data import FrameStore
     from perceptree.evaluation import predict_frames, predict_with
@@ -58,13 +68,17 @@ def calibrate_scores(
                 found.append(prediction)
                 bar.update(1)
             sets.append(scored_detections(store.frames, found))
-    scale = fit_scale(sets)
-    scaled = [one._replace(score=scale.apply(one.score)) for one in sets]
+    scale = fit_scale(sets, keep_level)
+    scaled = [one._replace(score=scale.apply(one)) for one in sets]
     errors = [reliability(joined(each))["expected_error"] for each in (sets, scaled)]
     model.box_head.scale_scores(scale.slope, scale.offset)
+    weight = scale.slope * model.spec.mask_score_weight + scale.mask
+    model.spec = replace(model.spec, mask_score_weight=weight)
     fitted = {
         "slope": scale.slope,
         "offset": scale.offset,
+        "mask": scale.mask,
+        "keep_level": keep_level,
         "data": ", ".join(folder.resolve().name for folder in data),
         "split": split,
         "detections": sum(len(one.score) for one in sets),
@@ -77,7 +91,10 @@ def calibrate_scores(
             f"{folder}: {len(before.score)} detections, mean difference of score and share of"
             f" trees {_shown(was)}, now {_shown(now)}"
         )
-    tell(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
+    tell(
+        f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f},"
+        f" {scale.mask:+.3f} times that of the mask's certainty"
+    )
     tell(f"checkpoint: {out}")
 
 

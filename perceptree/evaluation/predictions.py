@@ -17,6 +17,7 @@ from basetree.errors import SettingsError
 from calib import CocoRle, Letterbox, encode_rle, paste_mask
 from perceptree.data import FrameStore
 from perceptree.models import TreeRCNN
+from perceptree.models.scores import mask_certainty
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -55,12 +56,15 @@ class FramePrediction(NamedTuple):
         scores: (N,) scores, 0 to 1.
         keypoints: (N, 5, 3) x, y, score; None without a keypoint branch.
         masks: N masks of the frame's size as COCO run lengths; None without a mask branch.
+        certainty: (N,) how certain the masks are, see `perceptree.models.scores.mask_certainty`;
+            None if it is not known.
     """
 
     boxes: Float
     scores: Float
     keypoints: Float | None
     masks: list[CocoRle] | None
+    certainty: Float | None = None
 
 
 def on_device(model: TreeRCNN, device: str) -> TreeRCNN:
@@ -157,12 +161,14 @@ def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePredi
     if raw.keypoints is not None:
         keypoints = raw.keypoints[row, :count][seen].astype(np.float64)
         keypoints[..., :2] = letterbox.to_source(keypoints[..., :2])
-    masks = None
+    masks = certainty = None
     if raw.masks is not None:
         cells = raw.masks[row, :count][seen]
+        certainty = mask_certainty(torch.from_numpy(cells)).double().numpy()
         pasted = (
             paste_mask(grid, box, *size) for grid, box in zip(cells, boxes[seen], strict=True)
         )
         masks = [encode_rle(mask) for mask in pasted]
     scores = raw.scores[row, :count][seen].astype(np.float64)
-    return FramePrediction(np.clip(boxes[seen], 0, np.tile(size, 2)), scores, keypoints, masks)
+    boxes = np.clip(boxes[seen], 0, np.tile(size, 2))
+    return FramePrediction(boxes, scores, keypoints, masks, certainty)

@@ -12,11 +12,14 @@ from perceptree.data import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.evaluation.matching import match_trees
 from perceptree.evaluation.predictions import FramePrediction
+from perceptree.models.scores import MOST_CERTAIN
 
 LEAST_SCORE = 0.05
 _BINS = 10
 _FEWEST = 100
 _STEPS = 50
+# COCO's overlaps, of which average precision is the mean.
+_OVERLAPS = np.linspace(0.5, 0.95, 10)
 # Logistic regression is kept from running away where a score separates right from wrong entirely.
 _RIDGE = 1e-3
 
@@ -27,21 +30,29 @@ class Scored(NamedTuple):
     Attributes:
         score: (N,) score, from `LEAST_SCORE` on.
         right: (N,) whether the detection is a labelled tree, at a box IoU of 0.5.
+        iou: (N,) box IoU with that tree, 0 for those that are wrong.
+        certainty: (N,) how certain the masks are; None without masks.
     """
 
     score: Float
     right: Bool
+    iou: Float
+    certainty: Float | None = None
 
 
 class ScoreScale(NamedTuple):
-    """A change of scores that keeps their order: logit(new) = slope * logit(old) + offset."""
+    """A change of scores: logit(new) = slope * logit(old) + offset + mask * logit(certainty)."""
 
     slope: float
     offset: float
+    mask: float = 0.0
 
-    def apply(self, score: Float) -> Float:
+    def apply(self, scored: Scored) -> Float:
         """The changed scores."""
-        return np.asarray(_sigmoid(self.slope * _logit(score) + self.offset))
+        logit = self.slope * _logit(scored.score) + self.offset
+        if scored.certainty is not None:
+            logit = logit + self.mask * _mask_logit(scored.certainty)
+        return np.asarray(_sigmoid(logit))
 
 
 def scored_detections(
@@ -49,18 +60,30 @@ def scored_detections(
 ) -> Scored:
     """Match all detections from `LEAST_SCORE` on; those inside an ignored region are left out."""
     matches = match_trees(frames, predictions, LEAST_SCORE)
-    rows = [(pair.frame, pair.row, True) for pair in matches.found]
-    rows += [(frame, row, False) for frame, row in matches.invented]
+    rows = [(pair.frame, pair.row, pair.iou) for pair in matches.found]
+    rows += [(frame, row, 0.0) for frame, row in matches.invented]
+    iou = np.array([overlap for *_, overlap in rows], np.float64)
+    certain = all(each.certainty is not None for each in predictions)
     return Scored(
-        np.array([predictions[frame].scores[row] for frame, row, _ in rows], np.float64),
-        np.array([right for *_, right in rows], np.bool_),
+        _of_rows([each.scores for each in predictions], rows),
+        np.arange(len(rows)) < len(matches.found),
+        iou,
+        _of_rows([each.certainty for each in predictions], rows) if certain else None,
     )
+
+
+def _of_rows(values: Sequence[Any], rows: Sequence[tuple[int, int, float]]) -> Float:
+    return np.array([values[frame][row] for frame, row, _ in rows], np.float64)
 
 
 def joined(sets: Sequence[Scored]) -> Scored:
     """The detections of all datasets, one after the other."""
+    certain = [one.certainty for one in sets if one.certainty is not None]
     return Scored(
-        np.concatenate([one.score for one in sets]), np.concatenate([one.right for one in sets])
+        np.concatenate([one.score for one in sets]),
+        np.concatenate([one.right for one in sets]),
+        np.concatenate([one.iou for one in sets]),
+        np.concatenate(certain) if len(certain) == len(sets) else None,
     )
 
 
@@ -101,11 +124,16 @@ def reliability(scored: Scored) -> dict[str, Any]:
     }
 
 
-def fit_scale(sets: Sequence[Scored]) -> ScoreScale:
+def fit_scale(sets: Sequence[Scored], keep_level: bool = False) -> ScoreScale:
     """Fit the scale that makes scores probabilities, by logistic regression (Platt 1999).
+
+    How much masks count beside boxes is fitted first: so that the scores tell best which share of
+    COCO's overlaps (0.50, 0.55 ... 0.95) a detection reaches.
 
     Args:
         sets: Detections of each dataset. All datasets count the same, whatever their size.
+        keep_level: Whether the scores are to stay about as high as they were, in place of becoming
+            the probabilities of these datasets.
 
     Raises:
         DatasetError: There are too few detections, or all of them are right, or wrong.
@@ -120,18 +148,42 @@ def fit_scale(sets: Sequence[Scored]) -> ScoreScale:
         )
     counts = np.array([len(one.score) for one in sets if len(one.score)])
     shares = np.repeat(len(scored.score) / len(counts) / counts, counts)
-    x = np.stack([_logit(scored.score), np.ones_like(scored.score)], axis=1)
-    at = np.array([1.0, 0.0])
+    logit, mask = _logit(scored.score), 0.0
+    if scored.certainty is not None:
+        certain = _mask_logit(scored.certainty)
+        reached = (scored.iou[:, None] >= _OVERLAPS).mean(1)
+        of_box, of_mask, _ = _regression([logit, certain], reached, shares)
+        mask = max(of_mask / of_box, 0.0) if of_box > 0 else 0.0
+        logit = logit + mask * certain
+    wanted = scored.score if keep_level else scored.right.astype(np.float64)
+    slope, offset = _regression([logit], wanted, shares)
+    return ScoreScale(slope, offset, slope * mask)
+
+
+def _regression(columns: Sequence[Float], wanted: Float, shares: Float) -> list[float]:
+    """Factors of the columns and an offset, by logistic regression.
+
+    Args:
+        columns: (N,) each.
+        wanted: (N,) 0 to 1.
+        shares: (N,) weights.
+    """
+    x = np.stack([*columns, np.ones_like(wanted)], axis=1)
+    at = np.eye(x.shape[1])[0]
     prior = at.copy()
     for _ in range(_STEPS):
         expected = _sigmoid(x @ at)
-        gradient = x.T @ (shares * (expected - scored.right)) + _RIDGE * (at - prior)
+        gradient = x.T @ (shares * (expected - wanted)) + _RIDGE * (at - prior)
         weight = shares * expected * (1 - expected)
-        step = np.linalg.solve((x * weight[:, None]).T @ x + _RIDGE * np.eye(2), gradient)
-        at = at - step
+        step = np.linalg.solve((x * weight[:, None]).T @ x + _RIDGE * np.eye(len(at)), gradient)
+        at = at - step / max(1.0, float(np.abs(step).max()))  # Newton's steps may go too far
         if np.abs(step).max() < 1e-10:
             break
-    return ScoreScale(float(at[0]), float(at[1]))
+    return [float(each) for each in at]
+
+
+def _mask_logit(certainty: Float) -> Float:
+    return _logit(np.minimum(certainty, MOST_CERTAIN))
 
 
 def _logit(score: Float) -> Float:

@@ -150,6 +150,28 @@ def nms_top_k(
     return order, kept[order]
 
 
+def vote_boxes(kept: Tensor, boxes: Tensor, scores: Tensor, iou: float) -> Tensor:
+    """Average each kept box over the boxes that it suppresses (Gidaris and Komodakis 2015).
+
+    The weights are the scores, times how far the overlap with the kept box exceeds `iou`. So the
+    kept box counts most among those of its score.
+
+    Args:
+        kept: (K, 4) xyxy px, some of `boxes`.
+        boxes: (N, 4) xyxy px, all that non-maximum suppression chose from.
+        scores: (N,), 0 for those that do not count.
+        iou: Overlap above which a box is suppressed.
+
+    Returns:
+        (K, 4) xyxy px. A box without weight stays as it is.
+    """
+    weights = scores * (pairwise_iou(kept, boxes) - iou).clamp(min=0.0)
+    total = weights.sum(dim=1, keepdim=True)
+    # No matrix multiplication: quantisation would round its coordinates.
+    mean = (weights[..., None] * boxes).sum(dim=1) / torch.where(total > 0.0, total, 1.0)
+    return torch.where(total > 0.0, mean, kept)
+
+
 def _size_centre(boxes: Tensor) -> tuple[Tensor, Tensor]:
     size = boxes[..., 2:] - boxes[..., :2]
     return size, boxes[..., :2] + 0.5 * size

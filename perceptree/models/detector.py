@@ -10,7 +10,13 @@ from torch import Tensor
 
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import losses
-from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, nms_top_k
+from perceptree.models.boxes import (
+    clip_boxes,
+    decode_boxes,
+    enlarge_boxes,
+    nms_top_k,
+    vote_boxes,
+)
 from perceptree.models.decode import decode_keypoints, keypoint_stds
 from perceptree.models.heads import (
     BOX_CELLS,
@@ -31,6 +37,7 @@ from perceptree.models.matching import (
 )
 from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
+from perceptree.models.scores import highest_scores, joint_scores, mask_certainty
 from perceptree.models.spec import MASK_CELLS, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
 from perceptree.models.trunk import Trunk
@@ -186,33 +193,67 @@ class TreeRCNN(Trunk):
         logits, shifts = self.box_head(pooler(flat, images_of, BOX_CELLS))
         scores = logits.softmax(dim=1)[:, 0].reshape(proposals.valid.shape)
         boxes = clip_boxes(decode_boxes(shifts, flat, BOX_WEIGHTS), spec.height, spec.width)
-        high = scores >= (spec.score_threshold if lowest_score is None else lowest_score)
+        lowest = spec.score_threshold if lowest_score is None else lowest_score
+        weight = spec.mask_score_weight
+        # A box whose score a mask could raise above the threshold is kept until then.
+        high = (highest_scores(scores, weight) if weight else scores) >= lowest
         boxes, scores, real = self._select(
-            boxes.reshape(proposals.boxes.shape), scores, proposals.valid & high
+            boxes.reshape(proposals.boxes.shape), scores, proposals.valid, high
         )
         branches = self._branches(pooler, boxes, real, every_row)
-        return Detections(boxes, scores, *branches, real.sum(dim=1))
+        found = Detections(boxes, scores, *branches, real.sum(dim=1))
+        return self._scored_with_masks(found, real, lowest) if weight else found
 
     def _select(
-        self, boxes: Tensor, scores: Tensor, valid: Tensor
+        self, boxes: Tensor, scores: Tensor, valid: Tensor, high: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Keep the K best of (B, P, ...) candidates: boxes, scores and a validity mask."""
+        """Keep the K best of (B, P, ...) candidates: boxes, scores and a validity mask.
+
+        Those that are not `high` enough are not kept, but they have their vote.
+        """
         size = boxes[..., 2:] - boxes[..., :2]
         valid = valid & (size > 0.0).all(dim=-1)
         rows = []
         for i in range(boxes.shape[0]):
             order, real = nms_top_k(
-                boxes[i], scores[i], valid[i], self.spec.nms_iou, self.spec.detections
+                boxes[i], scores[i], valid[i] & high[i], self.spec.nms_iou, self.spec.detections
             )
+            kept = boxes[i][order]
+            if self.spec.box_voting:
+                votes = torch.where(valid[i], scores[i], 0.0)
+                kept = vote_boxes(kept, boxes[i], votes, self.spec.nms_iou)
             rows.append(
                 (
-                    torch.where(real[:, None], boxes[i][order], 0.0),
+                    torch.where(real[:, None], kept, 0.0),
                     torch.where(real, scores[i][order], 0.0),
                     real,
                 )
             )
-        kept_boxes, kept_scores, kept = zip(*rows, strict=True)
-        return torch.stack(kept_boxes), torch.stack(kept_scores), torch.stack(kept)
+        kept_boxes, kept_scores, kept_rows = zip(*rows, strict=True)
+        return torch.stack(kept_boxes), torch.stack(kept_scores), torch.stack(kept_rows)
+
+    def _scored_with_masks(
+        self, found: Detections, real: Tensor, lowest: Tensor | float
+    ) -> Detections:
+        """Join the scores of detections with those of their masks, and sort them anew.
+
+        Args:
+            found: The detections.
+            real: (B, K), whether a row holds one.
+            lowest: Those with a lower score are left out.
+        """
+        certainty = mask_certainty(found.masks)
+        scores = joint_scores(found.scores, certainty, self.spec.mask_score_weight)
+        real = real & (scores >= lowest)
+        ranked, order = torch.where(real, scores, -1.0).topk(scores.shape[1], dim=1)
+        kept = ranked >= 0.0
+        rows = torch.arange(len(scores), device=scores.device)[:, None]
+        boxes, keypoints, stds, masks = (
+            values[rows, order].masked_fill(~_spread(kept, values), 0.0)
+            for values in (found.boxes, found.keypoints, found.keypoint_stds, found.masks)
+        )
+        scores = ranked.clamp(min=0.0)
+        return Detections(boxes, scores, keypoints, stds, masks, kept.sum(dim=1))
 
     def _branches(
         self, pooler: RegionPooler, boxes: Tensor, real: Tensor, every_row: bool
@@ -247,6 +288,11 @@ class TreeRCNN(Trunk):
         """The area that the keypoint head uses for (R, 4) boxes, clipped to the image."""
         wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
         return clip_boxes(wide, self.spec.height, self.spec.width)
+
+
+def _spread(flags: Tensor, values: Tensor) -> Tensor:
+    """Flags (B, K) of the rows of values (B, K, ...), with as many axes."""
+    return flags.reshape(*flags.shape, *(1,) * (values.ndim - flags.ndim))
 
 
 def _masks(target: TreeTargets) -> Tensor:

@@ -129,6 +129,7 @@ def make_spec(
         levels = (values | changes).get("levels", _LIGHT_LEVELS)
         # One sample halves the time of pooling, and costs no accuracy once trained with.
         values.setdefault("roi_samples", 1)
+        values["box_voting"] = True
         values["anchor_sizes_px"] = tuple(
             (_LIGHT_ANCHOR_PX * 2**n * width / 640.0,) for n in levels
         )

@@ -130,6 +130,12 @@ class ModelSpec(Settings, error=SpecError):
     """Detections with a lower score are dropped."""
     nms_iou: float = field(default=0.5, metadata=_IOU)
     """Overlap above which a detection is suppressed."""
+    box_voting: bool = False
+    """Whether the box of a detection is averaged over those that it suppresses, see
+    `boxes.vote_boxes`."""
+    mask_score_weight: float = field(default=0.0, metadata=limits(0, 10))
+    """How much the certainty of its mask counts in the score of a tree, see `scores.joint_scores`;
+    0 leaves the score of the box. `perceptree calibrate-scores` fits it."""
     colour_backbone: str | None = None
     """A key of `backbones.BACKBONES`, for the colour image of `both`; None for the others."""
     colour_mean: tuple[float, ...] = ()
@@ -152,6 +158,9 @@ class ModelSpec(Settings, error=SpecError):
         self._check_input()
         self._check_levels()
         self._check_anchors()
+        if self.mask_score_weight and not self.masks:
+            found = f"mask_score_weight is {self.mask_score_weight} without masks"
+            self._refuse(found, "0, or masks")
         for name in ("mask_head_widths", "keypoint_head_widths"):
             widths = getattr(self, name)
             in_range = all(1 <= width <= _WIDEST_HEAD for width in widths)

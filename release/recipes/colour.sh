@@ -46,7 +46,7 @@ perceptree average runs/c/best.safetensors runs/a/best.safetensors runs/b/best.s
 perceptree train data/both --mix data/far-paper-907 --mix-share 0.25 --recipe transfer --init runs/average-n.safetensors --certain 8.5 --freeze-level 5 --keep-features 0 --learning-rate 0.001 --batch 16 --seed 70 --evaluate-every 100000 --steps 367 --out runs/heads
 
 # What the colour files are checked and measured on.
-perceptree synth --out data/cal-paper --preset paper --seed 909 --views 2 --frames 160
-perceptree synth --out data/cal-field-now --preset field --seed 909 --views 2 --frames 160
+perceptree synth --out data/paper-924 --preset paper --seed 924 --views 3 --frames 240
+perceptree synth --out data/field-924 --preset field --seed 924 --views 3 --frames 480
 perceptree synth --out data/test --preset test
 perceptree synth --out data/field-test --preset field-test

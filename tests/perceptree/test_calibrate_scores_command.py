@@ -42,19 +42,30 @@ def test_the_new_checkpoint_has_scaled_scores_and_says_how(
 ) -> None:
     random = np.random.default_rng(0)
     score = random.uniform(0.05, 0.95, 5000)
-    right = random.random(5000) < ScoreScale(0.5, -0.4).apply(score)
-    monkeypatch.setattr(reliability, "scored_detections", lambda *_: Scored(score, right))
+    certainty = random.uniform(0.5, 0.95, 5000)
+    drawn = Scored(score, score > 0, score, certainty)
+    right = random.random(5000) < ScoreScale(0.5, -0.4, 0.3).apply(drawn)
+    drawn = drawn._replace(right=right, iou=0.8 * right)
+    monkeypatch.setattr(reliability, "scored_detections", lambda *_: drawn)
     out = tmp_path / "calibrated.safetensors"
     code, told, _ = call("calibrate-scores", checkpoint, posts, "--split", "val", "--out", out)
     assert code == 0
     assert "5000 detections" in told
-    record = load_checkpoint(out)[1]["training"]
+    model, content = load_checkpoint(out)
+    record = content["training"]
     fitted = record["score_calibration"]
     assert record["data"] == "none"
-    assert (fitted["slope"], fitted["offset"]) == pytest.approx((0.5, -0.4), abs=0.1)
+    scale = ScoreScale(*(fitted[name] for name in ("slope", "offset", "mask")))
+    assert scale == pytest.approx((0.5, -0.4, 0.3), abs=0.1)
+    assert model.spec.mask_score_weight == scale.mask
     assert fitted["expected_error"][1] < 0.02 < fitted["expected_error"][0]
-    scale = ScoreScale(fitted["slope"], fitted["offset"])
-    np.testing.assert_allclose(score_of(out), scale.apply(score_of(checkpoint)), atol=1e-4)
+    before = score_of(checkpoint)
+    scaled = scale.apply(Scored(before, before > 0, before))
+    np.testing.assert_allclose(score_of(out), scaled, atol=1e-4)
+    again = tmp_path / "again.safetensors"
+    assert call("calibrate-scores", out, posts, "--split", "val", "--out", again)[0] == 0
+    expected = scale.slope * scale.mask + scale.mask
+    assert load_checkpoint(again)[0].spec.mask_score_weight == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

@@ -67,11 +67,11 @@ def test_a_network_with_some_branches_exports(
     assert_same_outputs(build_model(preset="r50", masks=masks, keypoints=keypoints))
 
 
-@pytest.mark.parametrize("every_row", [False, True])
+@pytest.mark.parametrize(("every_row", "mask_score_weight"), [(False, 0.0), (True, 0.7)])
 def test_a_light_network_exports_with_rows_by_the_picture_or_all(
-    every_row: bool, build_model: BuildModel
+    every_row: bool, mask_score_weight: float, build_model: BuildModel
 ) -> None:
-    assert_same_outputs(build_model(), every_row)
+    assert_same_outputs(build_model(mask_score_weight=mask_score_weight), every_row)
 
 
 def test_a_picture_without_a_box_beside_one_with_some(build_model: BuildModel) -> None:
@@ -95,8 +95,11 @@ def test_a_picture_without_a_box_beside_one_with_some(build_model: BuildModel) -
             np.testing.assert_allclose(ours, theirs.numpy(), atol=0.05)
 
 
-def test_a_wanted_score_leaves_rows_out_and_changes_no_others(build_model: BuildModel) -> None:
-    model = build_model()
+@pytest.mark.parametrize("mask_score_weight", [0.0, 0.7])
+def test_a_wanted_score_leaves_rows_out_and_changes_no_others(
+    mask_score_weight: float, build_model: BuildModel
+) -> None:
+    model = build_model(mask_score_weight=mask_score_weight)
     proto = trace(model, batch=2, quantised=True)
     offer_lowest_score(proto)
     session = onnxruntime.InferenceSession(

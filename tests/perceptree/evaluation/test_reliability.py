@@ -25,8 +25,9 @@ def drawn(slope: float, offset: float, count: int = 20_000) -> Scored:
     """Detections that are right as often as the scaled scores say."""
     random = np.random.default_rng(3)
     score = random.uniform(0.05, 0.999, count)
-    right = random.random(count) < ScoreScale(slope, offset).apply(score)
-    return Scored(score, right)
+    drawn = Scored(score, score > 0, np.zeros(count))
+    right = random.random(count) < ScoreScale(slope, offset).apply(drawn)
+    return drawn._replace(right=right)
 
 
 def test_each_detection_is_right_or_wrong_and_those_in_a_crowd_neither() -> None:
@@ -39,8 +40,9 @@ def test_each_detection_is_right_or_wrong_and_those_in_a_crowd_neither() -> None
     boxes = np.stack([lefts, 0 * lefts, lefts + 10, 0 * lefts + 40], 1)
     scores = np.array([0.9, 0.3, 0.06, 0.8, 0.04])
     scored = scored_detections([frame], [FramePrediction(boxes, scores, None, None)])
-    found = sorted(zip(scored.score.tolist(), scored.right.tolist(), strict=True))
-    assert found == [(0.06, False), (0.3, False), (0.9, True)]
+    found = sorted(zip(*(values.tolist() for values in scored[:3]), strict=True))
+    assert found == [(0.06, False, 0.0), (0.3, False, 0.0), (0.9, True, 1.0)]
+    assert scored.certainty is None
 
 
 def test_scores_that_are_probabilities_have_no_error_and_too_sure_ones_do() -> None:
@@ -62,7 +64,7 @@ def test_datasets_count_the_same_whatever_their_size() -> None:
 
 
 def test_no_detections_have_no_error() -> None:
-    found = reliability(Scored(np.zeros(0), np.zeros(0, bool)))
+    found = reliability(Scored(np.zeros(0), np.zeros(0, bool), np.zeros(0)))
     assert found["expected_error"] is None
     assert {each["right"] for each in found["bins"]} == {None}
 
@@ -70,15 +72,41 @@ def test_no_detections_have_no_error() -> None:
 def test_the_fit_finds_the_scale_and_makes_scores_probabilities() -> None:
     scored = drawn(0.4, -1.0)
     scale = fit_scale([scored])
-    assert scale == pytest.approx((0.4, -1.0), abs=0.06)
-    after = scored._replace(score=scale.apply(scored.score))
+    assert scale == pytest.approx((0.4, -1.0, 0.0), abs=0.06)
+    after = scored._replace(score=scale.apply(scored))
     assert reliability(after)["expected_error"] < 0.015
+
+
+def test_masks_count_as_far_as_they_tell_how_exact_a_box_is() -> None:
+    random = np.random.default_rng(5)
+    score, certainty = random.uniform(0.05, 0.95, 20_000), random.uniform(0.5, 0.97, 20_000)
+    exact = ScoreScale(1.0, -1.0, 0.8).apply(Scored(score, score > 0, score, certainty))
+    iou = np.where(random.random(20_000) < exact, random.uniform(0.5, 1.0, 20_000), 0.0)
+    scored = Scored(score, iou > 0, iou, certainty)
+    scale = fit_scale([scored])
+    assert scale.mask / scale.slope == pytest.approx(0.8, abs=0.1)
+    after = scored._replace(score=scale.apply(scored))
+    assert reliability(after)["expected_error"] < 0.02
+    unrelated = scored._replace(certainty=random.permutation(certainty))
+    assert fit_scale([unrelated]).mask < 0.05
+    assert fit_scale([scored._replace(certainty=None)]).mask == 0.0
+
+
+def test_masks_can_count_without_a_change_of_the_level() -> None:
+    random = np.random.default_rng(6)
+    score, certainty = random.uniform(0.05, 0.95, 20_000), random.uniform(0.5, 0.97, 20_000)
+    rare = Scored(score, random.random(20_000) < 0.3 * score, score, certainty)
+    rare = rare._replace(iou=np.where(rare.right, certainty, 0.0))
+    kept, scaled = fit_scale([rare], keep_level=True), fit_scale([rare])
+    assert kept.mask > 0.1
+    assert kept.apply(rare).mean() == pytest.approx(score.mean(), abs=0.01)
+    assert scaled.apply(rare).mean() == pytest.approx(rare.right.mean(), abs=0.01)
 
 
 def test_too_few_wrong_detections_cannot_be_fitted() -> None:
     score = np.linspace(0.1, 0.9, 500)
     with pytest.raises(DatasetError, match="450 right and 50 wrong"):
-        fit_scale([Scored(score, np.arange(500) < 450)])
+        fit_scale([Scored(score, np.arange(500) < 450, score)])
 
 
 def test_the_scale_becomes_part_of_the_weights() -> None:
@@ -89,4 +117,5 @@ def test_the_scale_becomes_part_of_the_weights() -> None:
     head.scale_scores(0.6, -0.7)
     after = head(regions)[0].softmax(1)[:, 0].detach().numpy()
     assert np.ptp(before) > 0.2
-    np.testing.assert_allclose(after, ScoreScale(0.6, -0.7).apply(before), atol=1e-3)
+    scored = Scored(before, before > 0, before)
+    np.testing.assert_allclose(after, ScoreScale(0.6, -0.7).apply(scored), atol=1e-3)

@@ -17,6 +17,7 @@ from perceptree.models import (
     make_spec,
     save_checkpoint,
 )
+from perceptree.models.scores import joint_scores, mask_certainty
 
 HEIGHT, WIDTH = 96, 160
 
@@ -126,9 +127,7 @@ def test_the_last_heads_see_the_kept_boxes_alone(trained: TreeRCNN) -> None:
     with torch.inference_mode():
         found = trained.detect(images)
         every = trained.detect(images, every_row=True)
-        model = copy.deepcopy(trained)
-        model.spec = dataclasses.replace(model.spec, score_threshold=0.9999)
-        nothing = model.detect(images)
+        nothing = with_spec(trained, score_threshold=0.9999).detect(images)
     for hook in hooks:
         hook.remove()
     kept = int(found.num_detections.sum())
@@ -137,6 +136,45 @@ def test_the_last_heads_see_the_kept_boxes_alone(trained: TreeRCNN) -> None:
     for some, all_rows in zip(found, every, strict=True):
         torch.testing.assert_close(some, all_rows, atol=1e-4, rtol=1e-4)
     assert not any(values.any() for values in nothing)
+
+
+def with_spec(model: TreeRCNN, **changes: object) -> TreeRCNN:
+    changed = copy.deepcopy(model)
+    changed.spec = dataclasses.replace(model.spec, **changes)  # type: ignore[arg-type]
+    return changed
+
+
+def test_boxes_are_voted_for_whatever_the_threshold(trained: TreeRCNN) -> None:
+    images, _ = frames(trained.spec, 4)
+    unvoted = with_spec(trained, box_voting=False)
+    with torch.inference_mode():
+        found, plain = trained.detect(images), unvoted.detect(images)
+        few = trained.detect(images, lowest_score=torch.tensor([0.6]))
+    torch.testing.assert_close(found.scores, plain.scores)
+    moved = (found.boxes - plain.boxes).abs().amax(dim=2)
+    assert moved.max() > 0.05
+    assert (box_iou(found.boxes[0], plain.boxes[0]).diag()[: found.num_detections[0]] > 0.5).all()
+    for number, count in enumerate(few.num_detections.tolist()):
+        torch.testing.assert_close(few.boxes[number, :count], found.boxes[number, :count])
+
+
+def test_masks_count_in_the_scores_and_the_best_come_first(trained: TreeRCNN) -> None:
+    images, _ = frames(trained.spec, 4)
+    weighed = with_spec(trained, mask_score_weight=0.6)
+    with torch.inference_mode():
+        plain, found = trained.detect(images), weighed.detect(images)
+        few = weighed.detect(images, lowest_score=torch.tensor([0.7]))
+    joint = joint_scores(plain.scores, mask_certainty(plain.masks), 0.6)
+    for number, count in enumerate(found.num_detections.tolist()):
+        expected = joint[number, : plain.num_detections[number]].sort(descending=True)
+        best = expected.indices[:count]
+        assert (found.scores[number].diff() <= 0).all()
+        torch.testing.assert_close(found.scores[number, : len(best)], expected.values[: len(best)])
+        torch.testing.assert_close(found.boxes[number, : len(best)], plain.boxes[number, best])
+        torch.testing.assert_close(found.masks[number, : len(best)], plain.masks[number, best])
+        assert few.num_detections[number] == (found.scores[number] >= 0.7).sum()
+        assert not any(values[number, count:].any() for values in found[:-1])
+    assert (few.num_detections[:3] > 0).all()
 
 
 def test_a_batch_answers_as_its_images_alone(trained: TreeRCNN) -> None:

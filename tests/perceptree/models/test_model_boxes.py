@@ -20,6 +20,7 @@ from perceptree.models.boxes import (
     nms_keep_mask,
     nms_top_k,
     pairwise_iou,
+    vote_boxes,
 )
 from perceptree.models.roi_align import assign_levels
 from perceptree.models.rpn import ProposalNetwork
@@ -158,3 +159,23 @@ def test_one_call_for_all_images_keeps_what_a_call_for_each_keeps() -> None:
     each = [nms_keep_mask(boxes[i], scores[i], valid[i], 0.3) for i in range(3)]
     assert torch.equal(kept, torch.stack(each))
     assert 0 < int(kept.sum()) < int(valid.sum())
+
+
+def test_a_box_is_averaged_over_those_that_it_suppresses() -> None:
+    boxes = torch.tensor(
+        [[0.0, 0.0, 10.0, 100.0], [0.0, 10.0, 10.0, 90.0], [0.0, 0.0, 10.0, 40.0], [50, 0, 60, 99]]
+    )
+    scores = torch.tensor([0.8, 0.6, 0.9, 0.7])
+    # Overlaps of the first with all: 1, 0.8, 0.4 and 0; beyond 0.5: 0.5, 0.3, 0 and 0.
+    voted = vote_boxes(boxes[[0, 3]], boxes, scores, 0.5)
+    low, high = (0.6 * 0.3 * 10) / 0.58, (0.8 * 0.5 * 100 + 0.6 * 0.3 * 90) / 0.58
+    torch.testing.assert_close(voted[0], torch.tensor([0.0, low, 10.0, high]))
+    torch.testing.assert_close(voted[1], boxes[3])
+
+
+def test_boxes_without_a_score_have_no_vote() -> None:
+    boxes = torch.tensor([[0.0, 0.0, 10.0, 100.0], [0.0, 10.0, 10.0, 90.0]])
+    alone = vote_boxes(boxes[:1], boxes, torch.tensor([0.9, 0.0]), 0.5)
+    torch.testing.assert_close(alone, boxes[:1])
+    assert torch.equal(vote_boxes(boxes, boxes, torch.zeros(2), 0.5), boxes)
+    assert torch.equal(vote_boxes(torch.zeros(3, 4), boxes, torch.ones(2), 0.5), torch.zeros(3, 4))

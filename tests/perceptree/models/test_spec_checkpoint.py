@@ -97,6 +97,8 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
         ({"detections": 0}, "detections is 0"),
         ({"score_threshold": 1.0}, "score_threshold is 1.0"),
         ({"pad_value": 256}, "pad_value is 256"),
+        ({"mask_score_weight": -0.1}, "mask_score_weight is -0.1"),
+        ({"mask_score_weight": 0.3, "masks": False}, "0.3 without masks, expected 0, or masks"),
     ],
 )
 def test_a_spec_that_makes_no_sense_is_refused(changes: dict[str, object], message: str) -> None:
