@@ -198,8 +198,14 @@ def _training(card: dict[str, Any]) -> str:
     fitted = made["score_calibration"]
     if fitted is not None:
         before, after = fitted["expected_error"]
+        done = "Scores were scaled by `perceptree calibrate-scores`"
+        if fitted.get("keep_level"):
+            done = (
+                "How much masks count in the scores was fitted by `perceptree calibrate-scores"
+                " --keep-level`"
+            )
         lines.append(
-            "Scores were scaled by `perceptree calibrate-scores` on"
+            f"{done} on"
             f" {fitted['detections']} detections of other frames ({fitted['data']}): mean"
             f" difference of score and share of trees {before:.3f} before, {after:.3f} after."
         )

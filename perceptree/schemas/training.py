@@ -81,6 +81,8 @@ class Network(TypedDict):
     detections: Side
     score_threshold: Share
     nms_iou: Share
+    box_voting: NotRequired[bool]
+    mask_score_weight: NotRequired[float]
     colour_backbone: NotRequired[str]
     colour_mean: NotRequired[list[float]]
     colour_std: NotRequired[list[float]]
