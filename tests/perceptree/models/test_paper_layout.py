@@ -135,11 +135,12 @@ def test_inputs_that_are_no_multiple_of_32_are_padded_inside(preset: str) -> Non
         found = model.eval().detect(images)
     assert int(found.num_detections.min()) > 0
     assert float(found.boxes.min()) >= 0.0
-    assert 140.0 < float(found.boxes[..., 2].max()) <= 150.0
-    assert 80.0 < float(found.boxes[..., 3].max()) <= 90.0
+    rounding = 1e-4  # of boxes that are averaged
+    assert 140.0 < float(found.boxes[..., 2].max()) <= 150.0 + rounding
+    assert 80.0 < float(found.boxes[..., 3].max()) <= 90.0 + rounding
     points = found.keypoints[found.scores > 0]
-    assert float(points[..., 0].max()) <= 150.0
-    assert float(points[..., 1].max()) <= 90.0
+    assert float(points[..., 0].max()) <= 150.0 + rounding
+    assert float(points[..., 1].max()) <= 90.0 + rounding
 
 
 def test_padding_answers_as_a_larger_frame_with_mean_coloured_borders() -> None:
