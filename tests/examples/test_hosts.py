@@ -30,6 +30,8 @@ from edgetree.sample_files import write_samples
 
 HOSTS = Path(__file__).parents[2] / "examples" / "hosts"
 PARTS = Path(__file__).parent / "host_parts"
+BOTH = HOSTS.parents[1] / "models" / "edge-s.onnx"
+MODELS = ["edge-n-rgb", "edge-s-rgb", "edge-n-depth", "edge-s-depth", str(BOTH)]
 MINUTES_10 = 600
 
 Outputs = dict[str, np.ndarray]
@@ -142,7 +144,7 @@ def run_checked(*command: str, cwd: Path | None = None) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["edge-n-rgb", "edge-s-rgb", "edge-n-depth", "edge-s-depth"])
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
 def test_the_node_host_passes_its_kit(model: str) -> None:
     node()
     tool("npm")
@@ -151,9 +153,8 @@ def test_the_node_host_passes_its_kit(model: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", ["edge-n-rgb", "edge-s-rgb", "edge-n-depth"])
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
 def test_the_cpp_host_passes_its_kit(model: str) -> None:
-    """Of edge-s-depth it does not, with OpenVINO: see the guide."""
     tool("cmake")
     tool("c++", "g++", "clang++")
     out = run_checked("bash", str(HOSTS / "cpp" / "check.sh"), model)
