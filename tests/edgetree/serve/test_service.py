@@ -178,8 +178,7 @@ def test_a_frame_that_nobody_took_does_not_keep_the_place_of_its_program(
         with Client(service.address, timeout_s=PATIENCE_S) as hasty:
             hasty.send(make_frame())
             wait_until(lambda: bool(service._place._asked))
-        wait_until(lambda: service._place.holder is None)
-        assert not service._place._asked
+        wait_until(lambda: service._place.holder is None and not service._place._asked)
         service.open_source().close()  # as a pipeline that ends
 
         with Client(service.address, timeout_s=PATIENCE_S) as client:
@@ -453,10 +452,11 @@ def test_more_connections_than_there_may_be_are_not_let_in(
             for other in others:
                 other.connect(address)
                 other.send(ask)
-            wait_until(lambda: sum(bool(other.poll(0)) for other in others) == 19)
+            # One of those too many may be answered before it is turned away.
+            wait_until(lambda: sum(bool(other.poll(0)) for other in others) >= 19)
             wait_until(lambda: "20 programs are connected: expected no more" in caplog.text)
             assert client.measure(make_frame(1))["trees"]  # those inside go on
-            assert client.status().faults["program too many"] >= 11
+            wait_until(lambda: client.status().faults["program too many"] >= 11)
             late = [other for other in others if not other.poll(0)]
             for other in set(others) - set(late):
                 other.close(linger=0)
