@@ -21,6 +21,7 @@ from edgetree.measure.constants.ground import (
     MAX_ABOVE_STEM_M,
     MAX_COVER_STD_M,
     MAX_SLOPE_WITHOUT_FOOT_DEG,
+    MIN_ABOVE_UNSEEN_FOOT_M,
     MIN_COVER_STD_M,
     MIN_GAP_READINGS,
     MIN_PLANTS_SHARE,
@@ -306,21 +307,22 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     """The ground, or why its plane is not that of the ground on which the stem stands."""
     plane = ground.plane
     lowest = bases.lowest[index]
-    below_m = -float(plane.height_m(lowest)) if all(map(math.isfinite, lowest.tolist())) else 0.0
+    seen = all(map(math.isfinite, lowest.tolist()))
+    below_m = -float(plane.height_m(lowest)) if seen else -math.inf
     if below_m > MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
-        seen = f"the stem is seen {below_m:.2f} m below the best plane"
-        return DistrustedGround(f"no ground around the base: {seen}", ground)
+        deeper = f"the stem is seen {below_m:.2f} m below the best plane"
+        return DistrustedGround(f"no ground around the base: {deeper}", ground)
     ground = _as_deep_as_the_foot(ground, bases, index)
     if bases.foot_within[index]:
         return ground
+    unseen_foot = "no ground around the base: the foot of the stem is not in the image, and"
     slope_deg = math.degrees(math.acos(min(float(plane.normal @ ground.up), 1.0)))
-    steep = slope_deg > MAX_SLOPE_WITHOUT_FOOT_DEG
-    if not steep and plane.inlier_fraction >= MIN_SHARE_WITHOUT_FOOT:
-        return ground
-    return Failure(
-        "no ground around the base: the foot of the stem is not in the image, and the best plane"
-        f" holds {plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
-    )
+    if slope_deg > MAX_SLOPE_WITHOUT_FOOT_DEG or plane.inlier_fraction < MIN_SHARE_WITHOUT_FOOT:
+        held = f"{plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
+        return Failure(f"{unseen_foot} the best plane holds {held}")
+    if -below_m < MIN_ABOVE_UNSEEN_FOOT_M:
+        return Failure(f"{unseen_foot} the best plane lies {-below_m:.2f} m below its lowest part")
+    return ground
 
 
 def _as_deep_as_the_foot(ground: BaseGround, bases: StemBases, index: int) -> BaseGround:

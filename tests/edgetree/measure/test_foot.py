@@ -51,6 +51,15 @@ def test_steep_branches_are_no_ground_of_a_stem_without_a_foot(footless):
     assert tree.diameter_m
 
 
+def test_level_branches_are_no_ground_as_the_cut_would_be_in_the_image(footless):
+    tree = measured(footless, with_branches(footless, 0.6, 0.0))
+    assert isinstance(tree.dbh_m, Failure)
+    assert "the foot of the stem is not in the image" in tree.dbh_m.reason
+    assert tree.dbh_m.reason.endswith("m below its lowest part")
+    assert tree.profile.heights_from == "section"
+    assert tree.diameter_m
+
+
 def test_no_ground_lies_above_the_lowest_part_of_the_stem_that_is_seen(footless):
     tree = measured(footless, with_branches(footless, 1.0, 0.0))
     assert isinstance(tree.dbh_m, Failure)
