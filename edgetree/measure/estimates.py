@@ -48,15 +48,25 @@ def split_unit(quantity: str) -> tuple[str, str]:
     return quantity.removesuffix(f"_{unit}"), unit
 
 
-def _unit_quantile(level: float) -> float:
-    """Half the width of an interval of Student's t with 4 degrees of freedom and deviation 1."""
+def _half_width(level: float) -> float:
+    """Half the width of the interval of a level, in standard deviations."""
     if not 0 < level < 1:
         raise InputError(f"the level is {level}: expected a number between 0 and 1, such as 0.95")
-    # With alpha = 4 p (1 - p) for the upper probability p = (1 + level) / 2.
-    root = math.sqrt(1 - level**2)
-    squared = 4 * (math.cos(math.acos(root) / 3) / root - 1)
-    # The variance of the distribution is 2.
-    return math.sqrt(squared / 2)
+    return NORMAL_975 * _tangent(level) / _tangent(0.95)
+
+
+def _tangent(level: float) -> float:
+    """Quantile of Student's t with 3 degrees of freedom for (1 + level) / 2, over sqrt(3).
+
+    With the quantile sqrt(3) tan(a), the distribution is 1/2 + (a + sin(a) cos(a)) / pi.
+    """
+    low, high = 0.0, math.pi / 2
+    while low < (middle := (low + high) / 2) < high:
+        if middle + math.sin(middle) * math.cos(middle) < level * math.pi / 2:
+            low = middle
+        else:
+            high = middle
+    return math.tan(low)
 
 
 class Estimate(NamedTuple):
@@ -84,11 +94,10 @@ class Estimate(NamedTuple):
     def interval(self, level: float) -> tuple[float, float]:
         """Lower and upper end of the confidence interval of a level.
 
-        Errors are taken to follow Student's t distribution with 4 degrees of freedom, scaled to
-        the standard deviation `std`: most are smaller than normal errors of that deviation, and a
-        few are much larger, because what is doubtful is right as a rule. Its 95 % interval is that
-        of a normal error, `interval95`. The quantile is that of Shaw (2006, Sampling Student's t
-        distribution, Journal of Computational Finance 9(4)).
+        Errors are taken to follow Student's t distribution with 3 degrees of freedom, scaled so
+        that its 95 % interval is that of a normal error, `interval95`: most are smaller than normal
+        errors of the standard deviation `std`, and a few are much larger, because what is doubtful
+        is right as a rule.
 
         Args:
             level: Probability of the interval, between 0 and 1, such as 0.9.
@@ -96,7 +105,7 @@ class Estimate(NamedTuple):
         Raises:
             InputError: The level is not between 0 and 1.
         """
-        half = self.std * _unit_quantile(level)
+        half = self.std * _half_width(level)
         return self.value - half, self.value + half
 
     def __bool__(self) -> Literal[True]:

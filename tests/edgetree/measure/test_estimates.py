@@ -158,10 +158,10 @@ def test_measured_records_are_plain_json(scene, pole, how):
 
 
 def test_intervals_of_other_levels_have_heavy_tails_and_agree_at_95_percent():
-    # Squared normal errors of 4 degrees of freedom make Student's t of a normal error.
+    # Squared normal errors of 3 degrees of freedom make Student's t of a normal error.
     rng = np.random.default_rng(2)
-    scale_m = np.sqrt(4 / rng.chisquare(4, 200_000) / 2)
-    error_m = 0.02 * scale_m * rng.normal(size=200_000)
+    scale = np.sqrt(3 / rng.chisquare(3, 200_000)) * 1.96 / 3.182
+    error_m = 0.02 * scale * rng.normal(size=200_000)
     for level in (0.1, 0.5, 0.68, 0.9, 0.95, 0.99):
         low, high = Estimate(0.3, 0.02).interval(level)
         assert low + high == pytest.approx(0.6)
