@@ -320,7 +320,7 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     if slope_deg > MAX_SLOPE_WITHOUT_FOOT_DEG or plane.inlier_fraction < MIN_SHARE_WITHOUT_FOOT:
         held = f"{plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
         return Failure(f"{unseen_foot} the best plane holds {held}")
-    if -below_m < MIN_ABOVE_UNSEEN_FOOT_M:
+    if ground.overgrown and -below_m < MIN_ABOVE_UNSEEN_FOOT_M:
         return Failure(f"{unseen_foot} the best plane lies {-below_m:.2f} m below its lowest part")
     return ground
 
