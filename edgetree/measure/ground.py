@@ -321,7 +321,8 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
         held = f"{plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
         return Failure(f"{unseen_foot} the best plane holds {held}")
     if ground.overgrown and -below_m < MIN_ABOVE_UNSEEN_FOOT_M:
-        return Failure(f"{unseen_foot} the best plane lies {-below_m:.2f} m below its lowest part")
+        near = f"the best plane lies only {-below_m:.2f} m below what is seen of it"
+        return Failure(f"{unseen_foot} {near}")
     return ground
 
 
