@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from pycocotools import mask as coco_mask
 
 from basetree.arrays import Bool, Float
-from calib import encode_rle
 from perceptree.data import FrameRecord
 from perceptree.errors import DatasetError
-from perceptree.evaluation.matching import Pair, match_trees
+from perceptree.evaluation.matching import match_trees
+from perceptree.evaluation.pair_overlaps import keypoint_similarities, mask_ious
 from perceptree.evaluation.predictions import FramePrediction
 from perceptree.models.scores import MOST_CERTAIN
 
@@ -34,15 +33,15 @@ class Scored(NamedTuple):
         right: (N,) whether the detection is a labelled tree, at a box IoU of 0.5.
         iou: (N,) box IoU with that tree, 0 for those that are wrong.
         certainty: (N,) how certain the masks are; None without masks.
-        mask_iou: (N,) IoU of the masks with those of the trees, 0 for detections that are wrong;
-            None without masks or their labels.
+        others: (N,) mask IoU and keypoint similarity with that tree, as far as the model has masks
+            and keypoints; 0 for those that are wrong, NaN where the tree has no label.
     """
 
     score: Float
     right: Bool
     iou: Float
     certainty: Float | None = None
-    mask_iou: Float | None = None
+    others: tuple[Float, ...] = ()
 
 
 class ScoreScale(NamedTuple):
@@ -69,33 +68,20 @@ def scored_detections(
     rows += [(frame, row, 0.0) for frame, row in matches.invented]
     iou = np.array([overlap for *_, overlap in rows], np.float64)
     certain = all(each.certainty is not None for each in predictions)
-    labelled = all(frames[pair.frame].trees[pair.tree].segmentation for pair in matches.found)
-    mask_iou = None
-    if labelled and all(each.masks is not None for each in predictions):
-        mask_iou = np.zeros(len(rows))
-        mask_iou[: len(matches.found)] = _mask_ious(frames, predictions, matches.found)
     return Scored(
         _of_rows([each.scores for each in predictions], rows),
         np.arange(len(rows)) < len(matches.found),
         iou,
         _of_rows([each.certainty for each in predictions], rows) if certain else None,
-        mask_iou,
+        tuple(
+            np.pad(overlaps, (0, len(matches.invented)))
+            for overlaps in (
+                mask_ious(frames, predictions, matches.found),
+                keypoint_similarities(frames, predictions, matches.found),
+            )
+            if overlaps is not None
+        ),
     )
-
-
-def _mask_ious(
-    frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction], pairs: Sequence[Pair]
-) -> list[float]:
-    """IoU of the masks of trees and their detections."""
-    overlaps = []
-    for pair in pairs:
-        frame = frames[pair.frame]
-        masks = predictions[pair.frame].masks
-        if masks is None:
-            raise ValueError("predictions without masks")
-        label = encode_rle(frame.mask(frame.trees[pair.tree]))
-        overlaps.append(float(coco_mask.iou([masks[pair.row]], [label], [0])[0, 0]))
-    return overlaps
 
 
 def _of_rows(values: Sequence[Any], rows: Sequence[tuple[int, int, float]]) -> Float:
@@ -104,18 +90,14 @@ def _of_rows(values: Sequence[Any], rows: Sequence[tuple[int, int, float]]) -> F
 
 def joined(sets: Sequence[Scored]) -> Scored:
     """The detections of all datasets, one after the other."""
+    certain = [one.certainty for one in sets if one.certainty is not None]
     return Scored(
         np.concatenate([one.score for one in sets]),
         np.concatenate([one.right for one in sets]),
         np.concatenate([one.iou for one in sets]),
-        _if_all([one.certainty for one in sets]),
-        _if_all([one.mask_iou for one in sets]),
+        np.concatenate(certain) if len(certain) == len(sets) else None,
+        tuple(map(np.concatenate, zip(*(one.others for one in sets), strict=True))),
     )
-
-
-def _if_all(values: Sequence[Float | None]) -> Float | None:
-    known = [each for each in values if each is not None]
-    return np.concatenate(known) if len(known) == len(values) else None
 
 
 def reliability(scored: Scored) -> dict[str, Any]:
@@ -159,7 +141,8 @@ def fit_scale(sets: Sequence[Scored], keep_level: bool = False) -> ScoreScale:
     """Fit the scale that makes scores probabilities, by logistic regression (Platt 1999).
 
     How much masks count beside boxes is fitted first: so that the scores tell best which share of
-    COCO's overlaps (0.50, 0.55 ... 0.95) the box and the mask of a detection reach.
+    COCO's overlaps (0.50, 0.55 ... 0.95) a detection reaches, the mean of its box, its mask and
+    its keypoints.
 
     Args:
         sets: Detections of each dataset. All datasets count the same, whatever their size.
@@ -182,8 +165,9 @@ def fit_scale(sets: Sequence[Scored], keep_level: bool = False) -> ScoreScale:
     logit, mask = _logit(scored.score), 0.0
     if scored.certainty is not None:
         certain = _mask_logit(scored.certainty)
-        overlaps = [each for each in (scored.iou, scored.mask_iou) if each is not None]
-        reached = np.mean([(each[:, None] >= _OVERLAPS).mean(1) for each in overlaps], axis=0)
+        overlaps = np.stack([scored.iou, *scored.others])
+        of_each = (overlaps[..., None] >= _OVERLAPS).mean(2)
+        reached = np.nanmean(np.where(np.isnan(overlaps), np.nan, of_each), axis=0)
         of_box, of_mask, _ = _regression([logit, certain], reached, shares)
         mask = max(of_mask / of_box, 0.0) if of_box > 0 else 0.0
         logit = logit + mask * certain

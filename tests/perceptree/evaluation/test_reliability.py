@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from calib import CocoRle, encode_rle
 from perceptree.data import FrameRecord, TreeRecord
 from perceptree.errors import DatasetError
 from perceptree.evaluation.predictions import FramePrediction
@@ -94,47 +92,19 @@ def test_masks_count_as_far_as_they_tell_how_exact_a_box_is() -> None:
     assert fit_scale([scored._replace(certainty=None)]).mask == 0.0
 
 
-def test_masks_count_more_where_their_certainty_tells_how_exact_the_masks_are() -> None:
+def test_masks_count_where_their_certainty_tells_how_exact_masks_or_keypoints_are() -> None:
     random = np.random.default_rng(7)
     score, certainty = random.uniform(0.05, 0.95, 20_000), random.uniform(0.5, 0.97, 20_000)
     right = random.random(20_000) < score
     iou = np.where(right, random.uniform(0.5, 1.0, 20_000), 0.0)
     scored = Scored(score, right, iou, certainty)
-    told = scored._replace(mask_iou=np.where(right, certainty, 0.0))
-    untold = scored._replace(mask_iou=iou)
+    told = scored._replace(others=(np.where(right, certainty, 0.0),))
+    untold = scored._replace(others=(iou,))
+    unlabelled = scored._replace(others=(np.where(right, np.nan, 0.0),))
     assert fit_scale([scored]).mask < 0.05
     assert fit_scale([untold]).mask < 0.05
+    assert fit_scale([unlabelled]).mask < 0.05
     assert fit_scale([told]).mask > 0.1
-
-
-def test_masks_are_compared_with_those_of_the_same_trees() -> None:
-    def rle(rows: slice, columns: slice) -> CocoRle:
-        mask = np.zeros((50, 300), bool)
-        mask[rows, columns] = True
-        return encode_rle(mask)
-
-    lefts = (0, 200)
-    trees = tuple(
-        TreeRecord(
-            1 + n,
-            np.array([left, 0, left + 10, 40.0]),
-            np.zeros((5, 3)),
-            rle(np.s_[0:40], np.s_[left : left + 10]),
-            False,
-            {},
-        )
-        for n, left in enumerate(lefts)
-    )
-    frame = FrameRecord(7, Path("7.png"), None, None, 300, 50, {}, trees)
-    boxes = np.array([[100.0, 0, 110, 40], [200, 0, 210, 40], [0, 0, 10, 40]])
-    masks = [rle(np.s_[0:40], np.s_[left : left + 5]) for left in (100, 200, 0)]
-    masks[1] = rle(np.s_[0:10], np.s_[200:210])
-    found = FramePrediction(boxes, np.array([0.9, 0.8, 0.7]), None, masks)
-    scored = scored_detections([frame], [found])
-    assert scored.mask_iou is not None
-    assert dict(zip(scored.score, scored.mask_iou, strict=True)) == {0.9: 0, 0.8: 0.25, 0.7: 0.5}
-    unlabelled = replace(frame, trees=(replace(trees[0], segmentation=None), trees[1]))
-    assert scored_detections([unlabelled], [found]).mask_iou is None
 
 
 def test_masks_can_count_without_a_change_of_the_level() -> None:
