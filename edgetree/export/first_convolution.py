@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MAX_BYTE: Final = 255
 _STRIDE_5: Final = 32
+_MIN_JOINED_SIDE: Final = 4
 
 
 def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
@@ -80,14 +81,19 @@ def _reading_bytes(
     if one_channel:
         weight = weight.sum(1, keepdim=True)
     constant = bool((means != zero).any())
-    side, edge = 2 * reduction, reduction * int(first.padding[0])
+    if constant:
+        weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
+    # The mean of a block of pixels before a tap is a block of equal taps.
+    weight = weight.repeat_interleave(reduction, 2).repeat_interleave(reduction, 3) / reduction**2
+    side = 2 * reduction
+    spread, borders = _spread_over_blocks(weight, reduction * int(first.padding[0]), side)
     down, across = (-length % _STRIDE_5 for length in size)
     padding = (0, 0, 0, across, 0, down)
-    spread, borders = _spread_over_blocks(_of_pixels(weight, reduction), edge, side)
-    if constant:
-        of_constant = _of_pixels(offset / (_MAX_BYTE - zero), reduction)
-        spread = torch.cat((spread, _spread_over_blocks(of_constant, edge, side)[0]), dim=1)
-        # Joining blocks takes a fraction of the time of joining pixels.
+    # The constant is joined to the pixels, or to the blocks, whichever takes less time.
+    joined_to_blocks = constant and side >= _MIN_JOINED_SIDE
+    if joined_to_blocks:
+        by_pixel = spread.reshape(len(spread), side**2, -1, *spread.shape[2:])
+        spread = torch.cat((by_pixel[:, :, :-1].flatten(1, 2), by_pixel[:, :, -1]), dim=1)
         image = torch.full((1, 1, *size), _MAX_BYTE, dtype=torch.uint8)
         image = functional.pad(image, (0, across, 0, down), value=zero)
         constant_blocks = functional.pixel_unshuffle(image, side)
@@ -98,26 +104,19 @@ def _reading_bytes(
     def normalise(images: Tensor) -> Tensor:
         """uint8 images -> (B, N, H / S, W / S) float32 for blocks of side S, less `zero`."""
         x = images[..., None] if one_channel else images
+        if constant and not joined_to_blocks:
+            x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
         if any(padding):
             x = functional.pad(x, padding, value=zero)
         batch, high, wide, channels = x.shape
         x = x.reshape(batch, high // side, side, wide // side, side * channels)
         x = x.permute(0, 1, 3, 2, 4)
         x = x.reshape(batch, high // side, wide // side, side**2 * channels).permute(0, 3, 1, 2)
-        if constant:
+        if joined_to_blocks:
             x = torch.cat((x, constant_blocks.expand(batch, -1, -1, -1)), dim=1)
         return functional.pad(x.float() - float(zero), borders)
 
     return normalise
-
-
-def _of_pixels(weight: Tensor, reduction: int) -> Tensor:
-    """The weight for the pixels whose means over blocks a convolution's weight is for.
-
-    The mean of a block of pixels before a tap is a block of equal taps.
-    """
-    rows = weight.repeat_interleave(reduction, 2)
-    return rows.repeat_interleave(reduction, 3) / reduction**2
 
 
 def _first_convolution(backbone: nn.Module) -> tuple[str, nn.Conv2d]:
