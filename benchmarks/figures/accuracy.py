@@ -249,6 +249,35 @@ def both_images() -> Iterator[str]:
     return table([*head, "trees found", "false trees a frame"], rows)
 
 
+def false_trees() -> Iterator[str]:
+    """What the false trees of the files are, a frame."""
+    record = stored("false_trees")
+    words = {
+        "further": f"stems 10 to {record['reach_m']:.0f} m away",
+        "again": "a tree again",
+        "loose": "a stem, the box off",
+        "other": "others",
+    }
+    rows = []
+    for name, own in record["models"].items():
+        sets = list(own.values())
+        counts = [[each["false"] for each in sets]]
+        counts += [[each["kinds"][kind] for each in sets] for kind in words]
+        rows.append(
+            [
+                f"`{name}`",
+                *(
+                    " / ".join(
+                        f"{count / each['frames']:.2f}"
+                        for count, each in zip(kind, sets, strict=True)
+                    )
+                    for kind in counts
+                ),
+            ]
+        )
+    return table(["`test` / `field-test`, a frame", "false trees", *words.values()], rows)
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "values": values,
     "by-distance": by_distance,
@@ -261,4 +290,5 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "sensor-cards": sensor_cards,
     "models": models,
     "both-images": both_images,
+    "false-trees": false_trees,
 }
