@@ -1,10 +1,10 @@
 """What the false trees of model files are: stems beyond the labels' reach, or no stems.
 
-python -m benchmarks.false_trees FOLDER --models edge-n-depth models/edge-s.onnx \\
+python -m benchmarks.false_trees test far_test_set --models edge-n-depth models/edge-s.onnx \\
     --result benchmarks/results/false_trees.json
 
 The frozen test sets label trees to 10 m, so a detection of a stem at 10.1 m counts as false. Here
-their frames are simulated again in FOLDER, the pictures the same, with labels to `REACH_M`. A
+the frames of one are simulated again, the pictures the same, with labels to `REACH_M`. A
 detection with a score of `SCORE` and more that is none of the trees to 10 m is one of these kinds:
 `further`: a labelled stem further away (boxes that overlap by half, as in COCO); `again`: a tree
 that another detection has found; `loose`: on a labelled stem, but the boxes overlap by less;
@@ -99,21 +99,21 @@ def count(detector: TreeDetector, frames: list[FrameRecord], reach_m: float) -> 
 
 
 def main() -> None:
-    """Count the false trees of models on both frozen test sets."""
+    """Count the false trees of models on a frozen test set."""
     parser = program(__doc__)
+    parser.add_argument("preset", choices=FROZEN_PRESETS)
     parser.add_argument("folder", type=Path, help="folder for the simulated frames")
     parser.add_argument("--models", nargs="+", default=["edge-n-depth"], help="names or files")
     arguments = parser.parse_args()
+    settings = PRESETS[arguments.preset].settings
+    frames = labelled_further(arguments.preset, arguments.folder)
     models: dict[str, dict[str, Any]] = {}
-    for preset in FROZEN_PRESETS:
-        reach_m = PRESETS[preset].settings.labels.reach_m
-        frames = labelled_further(preset, arguments.folder / preset)
-        for name in arguments.models:
-            detector = TreeDetector.load(find_model(name), score_threshold=SCORE)
-            own = models.setdefault(Path(name).stem, {})
-            own[preset] = count(detector, frames, reach_m)
-            note(preset, name, own[preset])
-    finish({"reach_m": REACH_M, "score": SCORE, "models": models}, arguments.result)
+    for name in arguments.models:
+        detector = TreeDetector.load(find_model(name), score_threshold=SCORE)
+        models[Path(name).stem] = count(detector, frames, settings.labels.reach_m)
+        note(name, models[Path(name).stem])
+    record = {"test_set": arguments.preset, "reach_m": REACH_M, "score": SCORE, "models": models}
+    finish(record, arguments.result)
 
 
 if __name__ == "__main__":

@@ -260,22 +260,9 @@ def false_trees() -> Iterator[str]:
     }
     rows = []
     for name, own in record["models"].items():
-        sets = list(own.values())
-        counts = [[each["false"] for each in sets]]
-        counts += [[each["kinds"][kind] for each in sets] for kind in words]
-        rows.append(
-            [
-                f"`{name}`",
-                *(
-                    " / ".join(
-                        f"{count / each['frames']:.2f}"
-                        for count, each in zip(kind, sets, strict=True)
-                    )
-                    for kind in counts
-                ),
-            ]
-        )
-    return table(["`test` / `field-test`, a frame", "false trees", *words.values()], rows)
+        counts = own["false"], *(own["kinds"][kind] for kind in words)
+        rows.append([f"`{name}`", *(f"{count / own['frames']:.3f}" for count in counts)])
+    return table([f"`{record['test_set']}`, a frame", "false trees", *words.values()], rows)
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {

@@ -21,7 +21,7 @@ from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
 from edgetree.export.quiet import quiet
 from edgetree.export.rounding import round_weights
 
-_QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
+_QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Mul", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
 # Matrix multiplications, which the last layers are, take 8-bit inputs and give float outputs.
 _FLOAT_OUTPUT: Final = "MatMul"

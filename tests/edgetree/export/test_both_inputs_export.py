@@ -103,6 +103,10 @@ def test_an_evaluation_shows_one_of_both(
     assert len(set(scores.values())) == len(scores)
 
 
+def _of_8_bits(node: Any, makers: dict[str, Any]) -> bool:
+    return all(makers.get(n, node).op_type == "DequantizeLinear" for n in node.input)
+
+
 def test_int8_reads_the_bytes_of_both(
     both_checkpoint: Path, frame_folder: Path, traced: Callable[..., Any], both: ExportReport
 ) -> None:
@@ -122,6 +126,9 @@ def test_int8_reads_the_bytes_of_both(
     makers = {output: node for node in proto.graph.node for output in node.output}
     quantised = [node for node in proto.graph.node if node.op_type == "QuantizeLinear"]
     assert not [n for n in quantised if makers.get(n.input[0], n).op_type == "Sub"]
+    # Nor do the maps that are blended: each of three levels is scaled by what its image shows.
+    scaled = [n for n in proto.graph.node if n.op_type == "Mul" and _of_8_bits(n, makers)]
+    assert len(scaled) == 6
 
 
 def test_a_checkpoint_of_depth_has_no_colour(depth_checkpoint: Path, frame_folder: Path) -> None:
