@@ -43,8 +43,8 @@ def calibrate_scores(
     """Scale the scores of a checkpoint, so that of those of 0.9 nine in ten are trees.
 
     All datasets count the same, whatever their size. The certainty of a tree's mask becomes part of
-    its score, as far as that tells better how exact the tree is. The scale becomes part of the
-    checkpoint.
+    its score, as far as that tells better how exact its box, mask and keypoints are. The scale
+    becomes part of the checkpoint.
     """
     from perceptree.data import FrameStore
     from perceptree.evaluation import predict_frames, predict_with

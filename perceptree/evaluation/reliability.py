@@ -141,8 +141,8 @@ def fit_scale(sets: Sequence[Scored], keep_level: bool = False) -> ScoreScale:
     """Fit the scale that makes scores probabilities, by logistic regression (Platt 1999).
 
     How much masks count beside boxes is fitted first: so that the scores tell best which share of
-    COCO's overlaps (0.50, 0.55 ... 0.95) a detection reaches, the mean of its box, its mask and
-    its keypoints.
+    COCO's overlaps (0.50, 0.55 ... 0.95) a detection reaches. Its box, its mask and its keypoints
+    count alike.
 
     Args:
         sets: Detections of each dataset. All datasets count the same, whatever their size.
