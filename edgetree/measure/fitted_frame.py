@@ -135,12 +135,11 @@ class FittedFrame:
     def _axis_points(self, xy_px: Float, known: Bool) -> Float:
         """(T, 3) axis points level with the bark at (T, 2) pixels, or those of the section."""
         sections = self.stems.sections
-        along, view_direction = sections.axes.along, sections.view_direction
+        along, ahead = sections.axes.along, sections.view_direction
         rays = self.frame.rays(np.where(known[:, None], xy_px, 0.0))
-        slope = (rays * along).sum(1) / (rays * view_direction).sum(1) * sections.front_ratio
+        slope = (rays * along).sum(1) / (rays * ahead).sum(1) * sections.front_ratio
         height_ratio = np.where(known, slope, sections.height_ratio)
-        points = view_direction + height_ratio[:, None] * along
-        return np.asarray(self.stems.distance_m[:, None] * points)
+        return np.asarray(self.stems.distance_m[:, None] * (ahead + height_ratio[:, None] * along))
 
     @cached_property
     def lowest_px(self) -> Float:
@@ -396,5 +395,6 @@ class FittedFrame:
             shape_std_m=CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
             roll_std_rad=self.roll_std_rad.item(index) * doubt,
             tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,
+            distance_tilt_m_rad=stems.distance_tilt_m_rad.item(index),
             rig=self.frame.rig,
         )

@@ -45,6 +45,7 @@ class StemPosition:
             bends, as a standard deviation.
         roll_std_rad: Standard deviation of the axis' angle within the image.
         tilt_std_rad: Standard deviation of the axis' angle towards or away from the camera.
+        distance_tilt_m_rad: Covariance of the axis' distance with its change per metre along it.
         rig: Errors of the rig.
     """
 
@@ -58,6 +59,7 @@ class StemPosition:
     shape_std_m: float
     roll_std_rad: float
     tilt_std_rad: float
+    distance_tilt_m_rad: float
     rig: RigErrors
 
     @property
@@ -93,9 +95,10 @@ class StemPosition:
         below_m = self._section_parts_m[2] - self._cut_parts_m[2]
         direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
         extended_m = below_m * direction_std / self._slant
-        value = self._range_m
+        shared = -2 * below_m * self.distance_tilt_m_rad
         rig_m = self.rig.std_m(self.cut, self.cut / self._range_m)
-        return Estimate(value, math.hypot(self._at_section_std_m, extended_m, rig_m))
+        variance = math.hypot(self._at_section_std_m, extended_m, rig_m) ** 2 + shared
+        return Estimate(self._range_m, math.sqrt(variance))
 
     @cached_property
     def _at_section_std_m(self) -> float:
@@ -116,14 +119,16 @@ class StemPosition:
         """
         ahead_m, _, level_m = self._section_parts_m
         value = ahead_m
-        seen_bend_rad = SEEN_BEND_SHARE * bend_rad
+        # Below the section the line goes on under the ground, where no stem is seen.
+        seen_bend_rad = 3.0 * bend_rad if level_m > 0 else SEEN_BEND_SHARE * bend_rad
         direction_std = math.hypot(
             self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, seen_bend_rad
         )
         ahead = self.directions[0]
         rig_m = self.rig.std_m(ahead_m * ahead, ahead)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std, rig_m)
-        return Estimate(value, math.hypot(*parts, self.shape_std_m))
+        shared = -2 * level_m * self.distance_tilt_m_rad
+        return Estimate(value, math.sqrt(math.hypot(*parts, self.shape_std_m) ** 2 + shared))
 
     @property
     def _slant(self) -> float:

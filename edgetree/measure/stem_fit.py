@@ -68,6 +68,8 @@ class Stems:
         arc_rad: (T,) arc of the stem's circumference that the readings cover.
         used: (T,) number of readings that agree with the stem.
         agreeing: (T,) their fraction of the readings between the edges.
+        distance_tilt_m_rad: (T,) covariance of the distance's error with that of its change per
+            metre along the axis. It is negative where the readings lie above the section.
         size_std: (T,) relative standard deviation of lengths across the view at the stems; None
             where it is that of the distance.
     """
@@ -83,6 +85,7 @@ class Stems:
     arc_rad: Float
     used: Index
     agreeing: Float
+    distance_tilt_m_rad: Float
     size_std: Float | None = None
 
     @cached_property
@@ -187,7 +190,8 @@ def fit_stems(
     unread = 1 - equations.kept.mean(1)
     doubt = np.hypot(DISAGREEMENT_STD * (1 - agreeing) ** 2, UNREAD_STD * unread**2)
     # First-order error propagation: the relative error of a distance d is d times the error of its
-    # inverse. The slope divided by the inverse distance is the tangent of the tilt.
+    # inverse. The slope divided by the inverse distance is the tangent of the tilt. At the height h
+    # above the section the distance has the error -d² (value + slope h / d).
     return Stems(
         sections=sections,
         distance_m=distance_m,
@@ -200,6 +204,7 @@ def fit_stems(
         arc_rad=_covered_arc_rad(points, equations.kept),
         used=equations.kept.sum(1),
         agreeing=agreeing,
+        distance_tilt_m_rad=lines.covariance[:, 0, 1] * np.abs(distance_m) ** 3,
     )
 
 

@@ -249,6 +249,7 @@ def seen_only(
         arc_rad=np.zeros(count),
         used=np.full(count, places),
         agreeing=np.ones(count),
+        distance_tilt_m_rad=np.zeros(count),
     )
 
 
