@@ -53,7 +53,8 @@ QUANTITIES = {
 }
 SOURCES = ("labels", "network", "no-vertical")
 SETTINGS = {
-    "keypoint_heat": "distance-network",
+    "keypoint_heat": "diameter-network",
+    "keypoint_heat_slide": "distance-network",
     "mask_std_px": "diameter-network",
     "mask_spread": "diameter-network",
     "depth_bias_per_m": "distance-labels",

@@ -81,8 +81,9 @@ class Keypoints:
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
         if trees.keypoint_stds_px is not None:
-            heat_px = trees.keypoint_stds_px.astype(np.float64)
-            spread = np.where(heat_px > 0, settings.keypoint_heat * heat_px, spread)
+            share = np.array([settings.keypoint_heat, settings.keypoint_heat_slide])
+            heat_px = share * trees.keypoint_stds_px.astype(np.float64)
+            spread = np.where(heat_px > 0, heat_px, spread)
         least_px = settings.keypoint_std_px * reference_px(trees.image_width)
         if trees.by_network:
             least_px = network_std_px(settings.keypoint_std_px, trees.image_width)

@@ -19,6 +19,7 @@ from edgetree.measure.constants.stems import (
     MIN_LEAN_STDS,
     SEEN_BEND_SHARE,
     TAPER_STD_PER_M,
+    UNSEEN_BEND_SHARE,
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
 from edgetree.measure.even_cover import above_soil
@@ -119,16 +120,14 @@ class StemPosition:
         """
         ahead_m, _, level_m = self._section_parts_m
         value = ahead_m
-        # Below the section the line goes on under the ground, where no stem is seen.
-        seen_bend_rad = 3.0 * bend_rad if level_m > 0 else SEEN_BEND_SHARE * bend_rad
-        direction_std = math.hypot(
-            self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, seen_bend_rad
-        )
+        bend_share = SEEN_BEND_SHARE if level_m < 0 else UNSEEN_BEND_SHARE
+        bent_rad = bend_share * bend_rad
+        direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bent_rad)
         ahead = self.directions[0]
         rig_m = self.rig.std_m(ahead_m * ahead, ahead)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std, rig_m)
         shared = -2 * level_m * self.distance_tilt_m_rad
-        return Estimate(value, math.sqrt(math.hypot(*parts, self.shape_std_m) ** 2 + shared))
+        return Estimate(value, math.sqrt(math.hypot(*parts) ** 2 + shared))
 
     @property
     def _slant(self) -> float:

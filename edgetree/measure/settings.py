@@ -26,6 +26,7 @@ _DETECTOR_ERRORS = (
     "keypoint_spread",
     "keypoint_slide",
     "keypoint_heat",
+    "keypoint_heat_slide",
     "mask_std_px",
     "mask_spread",
 )
@@ -65,6 +66,7 @@ class MeasureSettings:
             of the square root of the box area.
         keypoint_heat: Standard deviation of a keypoint, as a share of that of its heat map. For
             models that give the latter it takes the place of the two above.
+        keypoint_heat_slide: The same along the stem, where no edge limits the heat map.
         mask_std_px: Smallest standard deviation of a mask edge, in the same pixels.
         mask_spread: Standard deviation of a mask edge, in cells of the mask grid.
         given_mask_std_px: The same for masks of the image's size that the caller gives, instead of
@@ -120,6 +122,7 @@ class MeasureSettings:
     keypoint_spread: float = 0.008
     keypoint_slide: float = 0.02
     keypoint_heat: float = 0.9
+    keypoint_heat_slide: float = 1.25
     mask_std_px: float = 1.3
     mask_spread: float = 0.2
     given_mask_std_px: float = 1.1
@@ -134,7 +137,7 @@ class MeasureSettings:
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.02
     curvature_std: float = 0.05
-    bend_std_deg: float = 0.6
+    bend_std_deg: float = 0.5
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3

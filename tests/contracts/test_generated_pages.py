@@ -32,7 +32,7 @@ def test_no_marker_is_left_in_a_page(generated, page):
 
 def test_numbers_and_tables_are_those_of_the_code(generated):
     assert generated("{{LITTER_STD_M cm}} and {{LIFT}}") == "2 cm and 0.35"
-    assert generated("{{bend_std_deg}}, {{out_of_round_std %}}") == "0.6, 2 %"
+    assert generated("{{bend_std_deg}}, {{out_of_round_std %}}") == "0.5, 2 %"
     table = generated("<!-- constants: measure -->")
     assert "| `LITTER_STD_M` | 0.02 | Smallest standard deviation of the ground's height" in table
     assert table.count("fitted (") > 20

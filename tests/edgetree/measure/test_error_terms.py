@@ -100,7 +100,7 @@ def test_readings_that_disagree_count_more_than_those_that_are_missing(stand):
 def test_missing_readings_widen_the_distance(stand):
     whole = stand.measure().axis_distance_m
     missing = stand.measure(depth_m=with_other_depth(stand, 0.6, 0.0)).axis_distance_m
-    assert added(missing, whole) > 0.02 * missing.value
+    assert added(missing, whole) > 0.01 * missing.value
 
 
 def test_doubt_counts_for_given_masks_too_but_less(stand, exact):
@@ -158,8 +158,8 @@ def usual_and_without(stand, **tiny):
 
 def test_real_stems_bend(stand):
     tree, straight = usual_and_without(stand, bend_std_deg=1e-9)
-    assert added(tree.inclination_deg, straight.inclination_deg) > 0.5
-    assert added(tree.axis_distance_m, straight.axis_distance_m) > 0.003
+    assert added(tree.inclination_deg, straight.inclination_deg) > 0.4
+    assert added(tree.axis_distance_m, straight.axis_distance_m) > 0.001
 
 
 def test_real_stems_are_not_round(stand):

@@ -39,9 +39,25 @@ def test_keypoints_have_the_deviations_of_their_heat_maps(stand):
     stds_px[:, LEFT] = 0.0
     usual = Keypoints.from_detections(trees, settings).std_px
     sure = Keypoints.from_detections(replace(trees, keypoint_stds_px=stds_px), settings).std_px
-    expected = np.hypot(settings.keypoint_std_px, settings.keypoint_heat * 40.0)
-    assert sure[:, RIGHT] == pytest.approx(np.full((len(trees), 2), expected))
+    shares = np.array([settings.keypoint_heat, settings.keypoint_heat_slide])
+    assert sure[:, RIGHT] == pytest.approx(
+        np.hypot(settings.keypoint_std_px, 40.0 * shares) * np.ones((len(trees), 1))
+    )
     assert sure[:, LEFT] == pytest.approx(usual[:, LEFT])
+
+
+@pytest.mark.parametrize("quantity", ["axis_distance_m", "distance_m"])
+def test_the_noise_of_the_depth_moves_distances_by_as_much_as_stated(stand, exact, quantity):
+    # The readings lie above the section: errors of distance and tilt cancel at the camera's level.
+    noisy = replace(exact, depth_noise_per_m=0.01, depth_correlation_px=1.0)
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(40):
+        noise = rng.normal(0, noisy.depth_noise_per_m, stand.depth_m.shape)
+        depth_m = np.where(stand.depth_m > 0, stand.depth_m + noise * stand.depth_m**2, 0.0)
+        found.append(getattr(stand.measure(depth_m=depth_m, settings=noisy), quantity))
+    scatter_m = np.std([each.value for each in found])
+    assert 0.7 < scatter_m / np.mean([each.std for each in found]) < 1.3
 
 
 @pytest.mark.parametrize(("right_m", "keypoint"), [(-2.0, LEFT), (2.0, RIGHT)])
