@@ -1,7 +1,7 @@
 """How well stems are measured with cameras of other sizes and kinds, and by which outlines.
 
 python -m benchmarks.sensors.run
-python -m benchmarks.sensors.run control portrait --seeds 1000 1012
+python -m benchmarks.sensors.run control portrait --seeds 1000 1036
 
 `control` ray-casts cylinders of 13 to 32 cm in front of the simulator's sensor models: stereo, time
 of flight and exact depth in four sizes. `phone`, `portrait` and `scan` are real: stems with a tape

@@ -267,7 +267,8 @@ class DepthFrame:
         else:
             smallest = settings.mask_std_px * reference_px(self.camera.width)
             if self.by_network:
-                smallest = network_std_px(settings.mask_std_px, self.camera.width)
+                side_px = self.steps.side_px
+                smallest = network_std_px(settings.mask_std_px, self.camera.width, side_px)
             own_px = np.hypot(smallest, settings.mask_spread * cells)
         return np.asarray(np.hypot(own_px, [mask.edge_std_px for mask in masks]))
 

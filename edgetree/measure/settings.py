@@ -39,14 +39,19 @@ def reference_px(image_width: int) -> float:
     return image_width / _REFERENCE_WIDTH_PX
 
 
-def network_std_px(std_px: float, image_width: int) -> float:
+def network_std_px(std_px: float, image_width: int, side_px: int = 1) -> float:
     """Standard deviation in px of the image, of one in px of an image of 1280 px width.
 
     A network sees every image at its own input size, so its errors are shares of the width. But
     where it sees an edge depends on the pixels of the image, too: the least is `NETWORK_EDGE_PX`,
     or `std_px` if that is smaller.
+
+    Args:
+        std_px: Standard deviation in px of an image of 1280 px width.
+        image_width: Width of the image in px.
+        side_px: Side of the squares of pixels that share one reading.
     """
-    return max(std_px * reference_px(image_width), min(std_px, NETWORK_EDGE_PX))
+    return max(std_px * reference_px(image_width), min(std_px, NETWORK_EDGE_PX * side_px))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib import PinholeCamera
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.measure import MeasureSettings
 from edgetree.measure.keypoints import LEFT, RIGHT, Keypoints
@@ -83,6 +84,19 @@ def test_a_file_that_finds_edges_less_exactly_has_larger_errors(stand):
     assert stds_m[1] == pytest.approx(2 * stds_m[0], rel=0.1)
     assert relative_std(twice) > 1.2 * relative_std(usual)
     assert twice.distance_m.value == pytest.approx(usual.distance_m.value, rel=0.01)
+
+
+def test_edges_are_less_exact_where_readings_fill_squares_of_pixels(scene, pole):
+    small = PinholeCamera(640, 360, 350.0, 350.0, 319.5, 179.5)
+    stand = scene(pole(0.3, 0.5, 4.0), camera=small)
+    trees = replace(stand.detections(), by_network=True)
+    noise = np.random.default_rng(0).normal(1.0, 0.002, stand.depth_m.shape)
+    fine_m = np.where(stand.depth_m > 0, stand.depth_m * noise, 0.0)
+    coarse_m = fine_m[::2, ::2].repeat(2, 0).repeat(2, 1)
+    fine, coarse = (
+        stand.measure(trees, depth_m=each, settings=None) for each in (fine_m, coarse_m)
+    )
+    assert coarse.evidence.source_std_m["mask"] > 1.15 * fine.evidence.source_std_m["mask"]
 
 
 def test_depth_on_a_part_of_the_stem_widens_the_interval(stand):
