@@ -3,7 +3,7 @@
 python -m benchmarks.coverage --data FOLDER [--test] --result benchmarks/results/coverage.json
 
 For each quantity and source (exact outlines "labels", those of `edge-n-depth` "network", the same
-without a given vertical "no-vertical"): the number of values, the share inside each interval, the
+without a given vertical "no-vertical", those of `edge-s-depth` by its name): the number of values, the share inside each interval, the
 share beyond 3 standard deviations, the largest error in standard deviations, and the median of the
 absolute errors in the same unit, which is 0.67 for normal errors. The frames are those of
 `benchmarks.fit_measure`: to choose on, or with `--test` those to compare on.
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,13 +28,14 @@ from edgetree.catalogue import find_model
 from edgetree.measure import Estimate
 
 LEVELS: Final = (0.5, 0.68, 0.9, 0.95, 0.99)
+LARGER_MODEL: Final = "edge-s-depth"
 _SURE_STDS = 3.0
 
 
-def normalized_errors(cases: list[Case]) -> dict[tuple[str, str], Float]:
+def normalized_errors(cases: list[Case], sources: Sequence[str]) -> dict[tuple[str, str], Float]:
     """Errors in stated standard deviations, (N,) by quantity and source."""
     errors: dict[tuple[str, str], list[float]] = defaultdict(list)
-    for source in SOURCES:
+    for source in sources:
         for case in cases:
             for number, tree in case.measured(source, {}):
                 for quantity in QUANTITIES.values():
@@ -77,14 +79,15 @@ def main() -> None:
     parser.add_argument("--frames", type=int, help="at most this many of each dataset")
     parser.add_argument("--result", type=Path)
     options = parser.parse_args()
-    detector = TreeDetector.load(find_model(MODEL), threads=1, score_threshold=0.5)
-
     chosen = TEST_FRAMES if options.test else FIT_FRAMES
-    cases = read_all(options.data, chosen, detector, options.frames)
     results = {}
-    for (quantity, source), errors in normalized_errors(cases).items():
-        results[f"{quantity}, {source}"] = coverage(errors)
-        say(row(f"{quantity}, {source}", results[f"{quantity}, {source}"]))
+    for model, sources in ((MODEL, SOURCES), (LARGER_MODEL, ("network",))):
+        detector = TreeDetector.load(find_model(model), threads=1, score_threshold=0.5)
+        cases = read_all(options.data, chosen, detector, options.frames)
+        for (quantity, source), errors in normalized_errors(cases, sources).items():
+            name = f"{quantity}, {source if model == MODEL else model}"
+            results[name] = coverage(errors)
+            say(row(name, results[name]))
     if options.result is not None:
         options.result.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 

@@ -88,7 +88,11 @@ def by_visibility() -> Iterator[str]:
 def levels() -> Iterator[str]:
     """Share of true values within the intervals of five levels."""
     record = stored("coverage")
-    sources = {"labels": "exact outlines", "network": "`edge-n-depth`"}
+    sources = {
+        "labels": "exact outlines",
+        "network": "`edge-n-depth`",
+        "edge-s-depth": "`edge-s-depth`",
+    }
     rows = []
     for name, words in NAMES.items():
         cells = []
