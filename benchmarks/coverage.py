@@ -3,9 +3,10 @@
 python -m benchmarks.coverage --data FOLDER [--test] --result benchmarks/results/coverage.json
 
 For each quantity and source (exact outlines "labels", those of `edge-n-depth` "network", the same
-without a given vertical "no-vertical", those of `edge-s-depth` by its name): the number of values, the share inside each interval, the
-share beyond 3 standard deviations, the largest error in standard deviations, and the median of the
-absolute errors in the same unit, which is 0.67 for normal errors. The frames are those of
+without a given vertical "no-vertical", those of `edge-s-depth` by its name): the number of values,
+the share inside each interval, the share beyond 3 standard deviations, the largest error in
+standard deviations, and the median of the absolute errors in the same unit, which is 0.67 for
+normal errors. The frames are those of
 `benchmarks.fit_measure`: to choose on, or with `--test` those to compare on.
 """
 
