@@ -93,8 +93,7 @@ class FittedFrame:
             return "the mask shows more than one stem, and nothing tells which one is meant"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
-        agreeing = stems.fitted[index] and self.observed.enough_used(stems.used)[index]
-        if not (agreeing and self.finite[index]):
+        if not (stems.fitted & self.observed.enough_used(stems.used) & self.finite)[index]:
             return "the depth on the stem does not agree with itself"
         return self._implausible_reason(index)
 
@@ -186,7 +185,7 @@ class FittedFrame:
         )
 
     def against_feet(self, bases: StemBases, grounds: list[BaseGround | Failure]) -> FittedFrame:
-        """The same, with distances in doubt where the depth contradicts the feet of the stems.
+        """The same, with distances corrected and in doubt as far as feet contradict the depth.
 
         Args:
             bases: The lower ends of all T stems.
@@ -203,11 +202,12 @@ class FittedFrame:
         above_m = np.vecdot(bases.cuts - section_m, along)
         cut_std_m = stems.distance_m * self.keypoints.cut_stds_px(above_m) / reach_px
         feet = foot_distances(self.frame, outline, bases, grounds, along, std_m, cut_std_m)
-        doubted_m = np.hypot(stems.distance_std_m, feet.doubt_m)
         lever_m = np.nan_to_num(np.maximum(below_m + self.widths.middle_m(), 0.0))
         tilt_rad = np.hypot(stems.tilt_std_rad, feet.turn_stds_rad(lever_m))
-        doubted = replace(stems, distance_std_m=doubted_m, tilt_std_rad=tilt_rad)
-        return replace(self, stems=doubted, feet=feet)
+        near_m = np.maximum(stems.distance_m - feet.late.expected_m, stems.distance_m / 2)
+        std_m = np.hypot(stems.distance_std_m, feet.doubt_m)
+        stems = replace(stems, distance_m=near_m, distance_std_m=std_m, tilt_std_rad=tilt_rad)
+        return replace(self, stems=stems, feet=feet)
 
     @cached_property
     def widths(self) -> MaskWidths:

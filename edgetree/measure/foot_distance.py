@@ -20,7 +20,7 @@ from basetree.arrays import Bool, Float
 from edgetree.measure.constants.ground import (
     FOOT_DISTANCE_STDS,
     LITTER_STD_M,
-    MIN_LATE_STD_M,
+    MIN_LATE_SHIFT_M,
     MOVED_BY_TURN_M,
     OTHER_FOOT_SHARE,
     UNEVEN_STD_M,
@@ -50,8 +50,8 @@ class FootDistances(NamedTuple):
         std_m: (T,) its standard deviation.
         told: (T,) whether the foot of a stem contradicts its depth by itself.
         late: Whether the depth of the frame is of an earlier moment.
-        doubt_m: (T,) standard deviations to add to those of the distances.
-        own_doubt_m: (T,) part of them that depth of an earlier moment does not explain.
+        doubt_m: (T,) standard deviations to add to those of the corrected distances.
+        own_doubt_m: (T,) part of the difference that depth of an earlier moment does not explain.
         high: (T,) whether the felling cut comes out higher than usual.
     """
 
@@ -66,20 +66,25 @@ class FootDistances(NamedTuple):
     def warning(self, index: int) -> tuple[str, ...]:
         """What the foot of one stem, or those of the others, tells of its depth."""
         beyond_m = self.beyond_m.item(index)
-        if self.told[index] and abs(beyond_m) > FOOT_DISTANCE_STDS * self.std_m[index]:
+        left_m = abs(beyond_m - self.late.expected_m)
+        if self.told[index] and left_m > FOOT_DISTANCE_STDS * self.std_m[index]:
             return (_contradiction(beyond_m),)
         if self.high[index]:
             return (
                 "the felling cut comes out so high above the ground that the depth may be of"
                 " something in front of the stem",
             )
-        if self.late.std_m > MIN_LATE_STD_M:
+        if self.late.size_m > MIN_LATE_SHIFT_M:
             side = "in front of" if self.late.beyond_m > 0 else "behind"
             return (
                 f"the feet of the stems meet the ground {abs(self.late.beyond_m):.2f} m {side}"
-                " their depth: the depth may be of an earlier moment",
+                f" their depth: the depth may be of an earlier moment{self._corrected()}",
             )
         return ()
+
+    def _corrected(self) -> str:
+        shift_m = self.late.expected_m
+        return f", and distances are corrected by {-shift_m:+.2f} m" if shift_m else ""
 
     def failure(self, index: int, distance_m: float) -> str | None:
         """Why the depth of one stem cannot be the stem's, or None."""
@@ -172,17 +177,21 @@ def foot_distances(
     beside = bool(2 * np.count_nonzero(outline.depth_shift_px) >= len(feet))
     other = np.minimum(OTHER_FOOT_SHARE + above, _MAX_OTHER)
     late = late_depth(beyond_m[telling], total_m[telling], other[telling], beside)
-    # What the difference shows beyond its standard deviation, as in Birge's ratio.
-    excess_m = np.where(told, np.sqrt(np.maximum(beyond_m**2 - total_m**2, 0.0)), 0.0)
+    # What the difference shows beyond its standard deviation, as in Birge's ratio, and what of it
+    # is left after the correction.
+    excess_m, left_m = (
+        np.where(told, np.sqrt(np.maximum(each**2 - total_m**2, 0.0)), 0.0)
+        for each in (beyond_m, beyond_m - late.expected_m)
+    )
     high_m = _high_cuts(bases, normals, offsets_m, np.hypot(std_m, cut_std_m), stem_std_m)
-    excess_m = np.maximum(excess_m, high_m)
+    excess_m, left_m = np.maximum(excess_m, high_m), np.maximum(left_m, high_m)
     return FootDistances(
         beyond_m=np.where(seen, beyond_m, np.nan),
         std_m=total_m,
         told=told,
         late=late,
-        doubt_m=np.maximum(excess_m, late.std_m),
-        own_doubt_m=np.sqrt(np.maximum(excess_m**2 - late.std_m**2, 0.0)),
+        doubt_m=np.maximum(left_m, late.std_m),
+        own_doubt_m=np.sqrt(np.maximum(excess_m**2 - late.size_m**2, 0.0)),
         high=high_m > 0,
     )
 

@@ -8,6 +8,7 @@ one of them.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,12 +35,25 @@ class LateDepth(NamedTuple):
         probability: Probability that it is.
         beyond_m: Expected length by which all stems are too far away if it is; negative where they
             are too near.
-        std_m: Standard deviation that this adds to all distances.
+        size_m: Root mean square of the shift, which may be none.
     """
 
     probability: float
     beyond_m: float
-    std_m: float
+    size_m: float
+
+    @property
+    def expected_m(self) -> float:
+        """By how much all stems are taken to be too far away: the mean of both cases.
+
+        It is 0 where the depth is more likely of the same moment as its picture.
+        """
+        return self.probability * self.beyond_m if self.probability > 0.5 else 0.0
+
+    @property
+    def std_m(self) -> float:
+        """Standard deviation of the distances that are corrected by this."""
+        return math.sqrt(max(self.size_m**2 - self.expected_m**2, 0.0))
 
 
 def late_depth(beyond_m: Float, std_m: Float, other: Float, beside: bool) -> LateDepth:

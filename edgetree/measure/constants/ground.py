@@ -132,8 +132,8 @@ LATE_DEPTH_STD_M: Final = 0.4
 """How far a machine drives between the moments of such depth and its picture, as a standard
 deviation. Source: chosen, 0.3 s at 1.3 m/s."""
 
-MIN_LATE_STD_M: Final = 0.05
-"""From this standard deviation because of late depth on, the stems of a frame have a warning.
+MIN_LATE_SHIFT_M: Final = 0.05
+"""From this root mean square of the shift of late depth on, the stems of a frame have a warning.
 Source: chosen, about that of a distance without faults."""
 
 MIN_LATE_PROBABILITY: Final = 0.06

@@ -16,7 +16,15 @@ def test_feet_that_are_all_as_far_off_tell_late_depth(shift_m):
     late = told([shift_m, shift_m - 0.05, shift_m + 0.05])
     assert late.probability > 0.8
     assert late.beyond_m == pytest.approx(shift_m, abs=0.08)
-    assert late.std_m > 0.3
+    assert late.expected_m == pytest.approx(shift_m, abs=0.08)
+    assert late.std_m < 0.15
+    assert late.size_m == pytest.approx(np.hypot(late.std_m, late.expected_m))
+
+
+def test_less_probable_late_depth_is_a_doubt_and_no_correction():
+    late = told([-0.35], std_m=0.1)
+    assert late.expected_m == 0
+    assert late.std_m == late.size_m > 0.05
 
 
 def test_feet_in_place_and_no_feet_tell_nothing():

@@ -60,9 +60,21 @@ def test_depth_before_driving_back_is_in_doubt(scene, pole, seed, back_m):
         tree, true_m = measured(now, depth_m, number)
         distance = tree.axis_distance_m
         if distance:
-            assert true_m - distance.value > 0.5 * back_m
-            assert true_m - distance.value < 3 * distance.std
+            assert abs(true_m - distance.value) < min(3 * distance.std, 0.8 * back_m)
             assert feet(tree)
+
+
+@pytest.mark.parametrize("seed", range(1110, 1116))
+@pytest.mark.parametrize("ahead_m", [-0.4, 0.4])
+def test_distances_are_corrected_where_all_feet_tell_late_depth(scene, pole, seed, ahead_m):
+    now, depth_m = frame(scene, pole, seed, ahead_m, count=3)
+    found = [measured(now, depth_m, number) for number in range(3)]
+    given = [(tree, true_m) for tree, true_m in found if tree.axis_distance_m]
+    assert len(given) >= 2
+    for tree, true_m in given:
+        error_m = abs(tree.axis_distance_m.value - true_m)
+        assert error_m < min(0.2, 3 * tree.axis_distance_m.std)
+    assert sum("are corrected by" in feet(tree)[0] for tree, _ in given) >= 2
 
 
 def test_a_mask_that_ends_too_early_puts_no_other_stem_in_doubt(scene, pole):
