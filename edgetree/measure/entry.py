@@ -287,7 +287,7 @@ def _measured(
             grounds[index] = ground
         seen_at_all = any(not isinstance(ground, UnseenGround) for ground in found)
         fitted = replace(fitted.against_feet(bases, grounds), ground_seen=seen_at_all)
-        # Late depth moves all stems.
+        # The distances may have been corrected.
         cuts = fitted.cut_points()
         reasons = [reason or fitted.foot_failure(index) for index, reason in enumerate(reasons)]
     return values(fitted, cuts, reasons, grounds, verticals, mounting)

@@ -185,7 +185,7 @@ class FittedFrame:
         )
 
     def against_feet(self, bases: StemBases, grounds: list[BaseGround | Failure]) -> FittedFrame:
-        """The same, with distances corrected and in doubt as far as feet contradict the depth.
+        """The same, corrected for late depth and less certain where feet contradict the depth.
 
         Args:
             bases: The lower ends of all T stems.
@@ -204,9 +204,9 @@ class FittedFrame:
         feet = foot_distances(self.frame, outline, bases, grounds, along, std_m, cut_std_m)
         lever_m = np.nan_to_num(np.maximum(below_m + self.widths.middle_m(), 0.0))
         tilt_rad = np.hypot(stems.tilt_std_rad, feet.turn_stds_rad(lever_m))
-        near_m = np.maximum(stems.distance_m - feet.late.expected_m, stems.distance_m / 2)
-        std_m = np.hypot(stems.distance_std_m, feet.doubt_m)
-        stems = replace(stems, distance_m=near_m, distance_std_m=std_m, tilt_std_rad=tilt_rad)
+        moved_m = np.maximum(stems.distance_m - feet.late.expected_m, stems.distance_m / 2)
+        doubt_m = np.hypot(stems.distance_std_m, feet.doubt_m)
+        stems = replace(stems, distance_m=moved_m, distance_std_m=doubt_m, tilt_std_rad=tilt_rad)
         return replace(self, stems=stems, feet=feet)
 
     @cached_property

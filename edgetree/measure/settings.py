@@ -71,7 +71,8 @@ class MeasureSettings:
             of the square root of the box area.
         keypoint_heat: Standard deviation of a keypoint, as a share of that of its heat map. For
             models that give the latter it takes the place of the two above.
-        keypoint_heat_slide: The same along the stem, where no edge limits the heat map.
+        keypoint_heat_slide: The same down the image, along the stem, where no edge limits the heat
+            map.
         mask_std_px: Smallest standard deviation of a mask edge, in the same pixels.
         mask_spread: Standard deviation of a mask edge, in cells of the mask grid.
         given_mask_std_px: The same for masks of the image's size that the caller gives, instead of

@@ -24,8 +24,8 @@ SEEN_BEND_SHARE: Final = 0.1
 there as a rule, and the fit follows its bend. Source: chosen on 720 simulated frames."""
 
 UNSEEN_BEND_SHARE: Final = 3.0
-"""The same where the camera's level is below the section: the line goes on below the ground, from a
-butt that is more crooked than the stem. Source: chosen on 720 simulated frames."""
+"""`SEEN_BEND_SHARE` where the camera's level is below the section: the line is extended below the
+ground, from a butt that is more crooked than the stem. Source: chosen on 720 simulated frames."""
 
 SHAPE_STD_PER_M: Final = 0.05
 """Relative standard deviation of a width per metre along the stem from the edges that it is read
