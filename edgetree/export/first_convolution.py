@@ -1,15 +1,17 @@
 """Rewrite the first convolution of each backbone for 8 bits, to read the image's bytes directly.
 
-With one or three input channels at full resolution, the first convolution is slow in 8-bit
-runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride
-1 with four times the channels. With blocks of 4x4, the means of 2x2 pixels before it are part of
-it. The normalisation moves into its weights, so that no float image is needed.
+With one or three input channels and stride 2, the first convolution is slow in 8-bit runtimes. With
+the pixels of neighbouring columns as channels, it becomes a convolution that computes two columns
+of its output at a time. Rows of bytes are stored in that order, so no byte is moved. The means of
+blocks of pixels before it, and the normalisation, move into its weights, so that no float image is
+needed.
 """
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -19,19 +21,20 @@ if TYPE_CHECKING:
 
 _MAX_BYTE: Final = 255
 _STRIDE_5: Final = 32
-# onnxruntime joins a constant to blocks of this side in less time than to their pixels. With 2x2
-# pixels it is the other way round.
-_MIN_JOINED_SIDE: Final = 4
+_COLUMNS: Final = 2
+"""Columns of its output that the convolution makes at a time. With one, its matrix products are too
+small to be fast; with four, more of their weights are 0."""
 
 
 def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
-    """Change a model in place so that each first convolution reads blocks of bytes.
+    """Change a model in place so that each first convolution reads columns of bytes.
 
-    One value `zero`, the rounded mean over all channels, is subtracted from all bytes. The rest
-    of each channel's mean comes from an additional channel of constant value: with weight w, pixel
-    x and channel mean m, `w (x - m) / std = w / std (x - zero) + w / std (zero - m)`, and the
-    sum of the last term over the channels is the weight of the additional channel times its value.
-    Around the image all channels are 0, as in the original, where 0 stands for the mean.
+    One value `zero`, the rounded mean over all channels, is subtracted from all bytes. With weight
+    w, pixel x and channel mean m, `w (x - m) / std = w / std (x - zero) + w / std (zero - m)`. The
+    last term is a bias. Around a colour image, where 0 stands for the mean in the original, each
+    channel is its mean, rounded to a byte. An image of one channel whose three means differ, or are
+    no byte, has no such byte: an additional channel of constant value, which is `zero` around the
+    image, carries the last term.
     """
     spec = model.spec
     size = spec.height, spec.width
@@ -73,51 +76,88 @@ def _reading_bytes(
     """
     import torch
     from torch import nn
-    from torch.nn import functional
 
     means = mean.flatten()
     zero = int(means.mean().round())
     name, first = _first_convolution(backbone)
     weight = first.weight.detach() / std
     offset = (weight * (zero - means)[:, None, None]).sum(1, keepdim=True)
+    around, bias = means.round().to(torch.uint8), offset.sum((1, 2, 3))
+    constant = one_channel and bool((means != zero).any())
     if one_channel:
         weight = weight.sum(1, keepdim=True)
-    constant = bool((means != zero).any())
+        around, bias = torch.tensor([zero] * (1 + constant), dtype=torch.uint8), 0.0 * bias
     if constant:
         weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
     # The mean of a block of pixels before a tap is a block of equal taps.
     weight = weight.repeat_interleave(reduction, 2).repeat_interleave(reduction, 3) / reduction**2
-    side = 2 * reduction
-    spread, borders = _spread_over_blocks(weight, reduction * int(first.padding[0]), side)
-    down, across = (-length % _STRIDE_5 for length in size)
-    padding = (0, 0, 0, across, 0, down)
-    joined_to_blocks = constant and side >= _MIN_JOINED_SIDE
-    if joined_to_blocks:
-        by_pixel = spread.reshape(len(spread), side**2, -1, *spread.shape[2:])
-        spread = torch.cat((by_pixel[:, :, :-1].flatten(1, 2), by_pixel[:, :, -1]), dim=1)
-        image = torch.full((1, 1, *size), _MAX_BYTE, dtype=torch.uint8)
-        image = functional.pad(image, (0, across, 0, down), value=zero)
-        constant_blocks = functional.pixel_unshuffle(image, side)
-    convolution = nn.Conv2d(spread.shape[1], len(spread), spread.shape[2], bias=False)
-    convolution.weight = nn.Parameter(spread)
+    stride, padding = 2 * reduction, reduction * int(first.padding[0])
+    spread, (left, right) = _spread_over_columns(weight, padding, stride)
+    outer, inner, *kernel = spread.shape
+    convolution = nn.Conv2d(inner, outer, (kernel[0], kernel[1]), stride=(stride, 1))
+    convolution.weight, convolution.bias = nn.Parameter(spread), nn.Parameter(bias.repeat(_COLUMNS))
     backbone.set_submodule(name, convolution)
+    _take_columns_apart(backbone, name)
+    side = stride * _COLUMNS
+    below = max(weight.shape[2] - padding - stride, 0)
+    down, across = (-length % _STRIDE_5 for length in size)
+    borders = (left * side, right * side + across, padding, below + down)
 
     def normalise(images: Tensor) -> Tensor:
-        """uint8 images -> (B, N, H / S, W / S) float32 for blocks of side S, less `zero`."""
+        """uint8 images -> (B, N, rows, blocks of columns) float32, less `zero`."""
         x = images[..., None] if one_channel else images
-        if constant and not joined_to_blocks:
-            x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
-        if any(padding):
-            x = functional.pad(x, padding, value=zero)
+        if constant:
+            x = torch.cat((x, torch.full_like(x, _MAX_BYTE)), dim=3)
+        x = _surrounded(x, around, borders)
         batch, high, wide, channels = x.shape
-        x = x.reshape(batch, high // side, side, wide // side, side * channels)
-        x = x.permute(0, 1, 3, 2, 4)
-        x = x.reshape(batch, high // side, wide // side, side**2 * channels).permute(0, 3, 1, 2)
-        if joined_to_blocks:
-            x = torch.cat((x, constant_blocks.expand(batch, -1, -1, -1)), dim=1)
-        return functional.pad(x.float() - float(zero), borders)
+        x = x.reshape(batch, high, wide // side, side * channels).permute(0, 3, 1, 2)
+        return x.float() - float(zero)
 
     return normalise
+
+
+def _surrounded(x: Tensor, values: Tensor, borders: Sequence[int]) -> Tensor:
+    """(B, H, W, C) x with borders of (C,) values: left, right, top and bottom, in pixels."""
+    import torch
+
+    for axis, (before, after) in ((2, borders[:2]), (1, borders[2:])):
+        parts = [x]
+        for count, place in ((before, 0), (after, 2)):
+            if count:
+                shape = [*x.shape[:axis], count, *x.shape[axis + 1 :]]
+                parts.insert(place, values.expand(shape))
+        x = torch.cat(parts, dim=axis)
+    return x
+
+
+def _take_columns_apart(backbone: nn.Module, convolution: str) -> None:
+    """Change what follows a convolution of several columns: its norm, and the order of its values.
+
+    The columns are taken apart after the norm and the activation, which runtimes join with the
+    convolution.
+    """
+    from torch import nn
+
+    class Apart(nn.Module):
+        def forward(self, x: Tensor) -> Tensor:
+            """(B, 2 C, H, W / 2) -> (B, C, H, W)."""
+            batch, channels, high, wide = x.shape
+            x = x.permute(0, 2, 3, 1).reshape(batch, high, wide * _COLUMNS, channels // _COLUMNS)
+            return x.permute(0, 3, 1, 2)
+
+    parent, _, own = convolution.rpartition(".")
+    owner = backbone.get_submodule(parent)
+    names = [name for name, _ in owner.named_children()]
+    after = names[names.index(own) + 1 :]
+    norm: Any = copy.deepcopy(owner.get_submodule(after[0]))
+    norm.num_features *= _COLUMNS
+    for each in ("weight", "bias"):
+        setattr(norm, each, nn.Parameter(getattr(norm, each).detach().repeat(_COLUMNS)))
+    for each in ("running_mean", "running_var"):
+        setattr(norm, each, getattr(norm, each).repeat(_COLUMNS))
+    owner.set_submodule(after[0], norm)
+    last = after[1] if not list(owner.get_submodule(after[1]).parameters()) else after[0]
+    owner.set_submodule(last, nn.Sequential(owner.get_submodule(last), Apart()))
 
 
 def _first_convolution(backbone: nn.Module) -> tuple[str, nn.Conv2d]:
@@ -132,33 +172,34 @@ def _first_convolution(backbone: nn.Module) -> tuple[str, nn.Conv2d]:
     return name, first
 
 
-def _spread_over_blocks(
-    weight: Tensor, padding: int, block: int
-) -> tuple[Tensor, tuple[int, int, int, int]]:
-    """The weight of the convolution of S x S blocks that equals a convolution of stride S.
+def _spread_over_columns(
+    weight: Tensor, padding: int, stride: int
+) -> tuple[Tensor, tuple[int, int]]:
+    """The weight of the convolution that makes several columns of a convolution at a time.
 
-    Through tap i, output row o reads the image row S o + i - padding. That is row
-    (i - padding) mod S of the block row o + (i - padding) div S. Columns likewise.
+    Its input has blocks of G S columns of pixels as channels, for G columns of output and stride S.
+    Through tap j, column G b + g of the output reads column S (G b + g) + j - padding of the image.
+    That is column (S g + j - padding) mod G S of block b + (S g + j - padding) div G S.
 
     Args:
         weight: (out, C, k, k) weight of the convolution of stride S.
         padding: Its padding in pixels.
-        block: S.
+        stride: S.
 
     Returns:
-        The weight, whose input channels are `(row * S + column) * C + channel` of a block, and the
-        padding in blocks that the convolution needs: left, right, top, bottom.
+        The weight, with output channels `g * out + o` and input channels `column * C + channel` of
+        a block, and the blocks that the convolution needs to the left and right of the image.
     """
     outer, inner, side, _ = weight.shape
+    block = _COLUMNS * stride
     before = -(-padding // block)
-    after = (side - 1 - padding) // block
-    blocks = before + after + 1
-    spread = weight.new_zeros(outer, block, block, inner, blocks, blocks)
-    for i in range(side):
+    after = (stride * (_COLUMNS - 1) + side - 1 - padding) // block
+    spread = weight.new_zeros(_COLUMNS, outer, block, inner, side, before + after + 1)
+    for g in range(_COLUMNS):
         for j in range(side):
-            (y, row), (x, column) = divmod(i - padding, block), divmod(j - padding, block)
-            spread[:, row, column, :, y + before, x + before] = weight[:, :, i, j]
-    return spread.reshape(outer, -1, blocks, blocks), (before, after, before, after)
+            place, column = divmod(stride * g + j - padding, block)
+            spread[g, :, column, :, :, place + before] = weight[:, :, :, j]
+    return spread.reshape(_COLUMNS * outer, block * inner, side, -1), (before, after)
 
 
 def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
