@@ -143,8 +143,11 @@ def pick(values: NDArray[Any], index: Index) -> NDArray[Any]:
 
 def masked_medians(values: Float, valid: Bool) -> Float:
     """(...) medians of the valid ones among (..., N) values; 0 where none is valid."""
-    ordered = np.sort(np.where(valid, values, np.inf))
-    found = pick(ordered, np.minimum(valid.sum(-1) // 2, values.shape[-1] - 1))
+    ordered = np.where(valid, values, np.inf)
+    ordered.sort(-1)
+    count = values.shape[-1]
+    middle = np.minimum(np.add.reduce(valid, -1, np.intp) // 2, count - 1)
+    found = ordered.take(middle + np.arange(0, ordered.size, count).reshape(middle.shape))
     return np.where(np.isfinite(found), found, 0.0)
 
 

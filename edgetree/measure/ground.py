@@ -273,7 +273,9 @@ def find_grounds(
         samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         few = samples.usable.sum(1) < _FEW_POINTS
-        own = ~bases.foot_within[missing] & _may_be_own(samples, radius_m, cuts, up)
+        own = ~bases.foot_within[missing]
+        if own.any():
+            own &= _may_be_own(samples, radius_m, cuts, up)
         for index, found, unseen, narrow in zip(missing, planes, few, own, strict=True):
             if isinstance(found, Failure):
                 grounds[index] = UnseenGround(found.reason) if unseen or narrow else found

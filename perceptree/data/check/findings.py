@@ -21,6 +21,7 @@ KINDS = {
     "depth_broken": "depth images broken, truncated or not single-channel",
     "depth_size": "depth images of another size than in the label file",
     "box_outside": "boxes that extend more than 1 px outside their frame",
+    "box_of_corners": "boxes that are x0, y0, x1, y1 of their masks: expected x, y, width, height",
     "mask_broken": "masks whose run lengths do not fill their frame",
     "mask_empty": "masks without pixels",
     "mask_outside_box": "masks that extend outside their box",

@@ -65,10 +65,14 @@ def _mask_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
     if not len(columns):
         yield "mask_empty"
         return
-    x0, y0, x1, y1 = tree.box_px
-    slack_px = np.maximum(_MASK_TOLERANCE_PX, _MASK_TOLERANCE_SHARE * np.array([x1 - x0, y1 - y0]))
-    beyond_px = np.maximum(
-        [x0 - columns[0], y0 - rows[0]], [columns[-1] + 1 - x1, rows[-1] + 1 - y1]
-    )
-    if (beyond_px > slack_px).any():
+    start_px, end_px = tree.box_px[:2], tree.box_px[2:]
+    first_px = np.array([columns[0], rows[0]])
+    last_px = np.array([columns[-1] + 1, rows[-1] + 1])
+    slack_px = np.maximum(_MASK_TOLERANCE_PX, _MASK_TOLERANCE_SHARE * (last_px - first_px))
+    as_corners_px = np.abs([start_px - first_px, end_px - start_px - last_px])
+    if (as_corners_px <= slack_px).all() and (np.abs(end_px - last_px) > slack_px).any():
+        yield "box_of_corners"
+        return
+    slack_px = np.maximum(_MASK_TOLERANCE_PX, _MASK_TOLERANCE_SHARE * (end_px - start_px))
+    if (np.maximum(start_px - first_px, last_px - end_px) > slack_px).any():
         yield "mask_outside_box"

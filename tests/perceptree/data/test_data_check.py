@@ -64,6 +64,14 @@ def _swap(posts: Path, edit: Edit) -> None:
     edit(posts, "val", change)
 
 
+def _corners(posts: Path, edit: Edit) -> None:
+    def change(content: Content) -> None:
+        left, top, wide, high = content["annotations"][0]["bbox"]
+        content["annotations"][0]["bbox"] = [left, top, left + wide, top + high]
+
+    edit(posts, "val", change)
+
+
 def _mask(*area: slice) -> Damage:
     mask = np.zeros((72, 128), np.uint8, order="F")
     mask[area] = 1
@@ -139,6 +147,7 @@ FAULTS: dict[str, tuple[Damage, str, str]] = {
         "mask_outside_box",
         "val 000006.png annotation 1",
     ),
+    "corners": (_corners, "box_of_corners", "val 000006.png annotation 1"),
     "far": (_points(k0=[99999, 20, 2]), "keypoint_outside", "val annotation 1 at 99999, 20"),
     "swapped": (_swap, "left_right_swapped", "val 000007.png annotation 3"),
     "cut": (_points(k0=[40, 20, 2]), "cut_above_middle", "val 000006.png annotation 1"),
