@@ -29,6 +29,7 @@ from edgetree.commands.options import (
     MODEL,
     ModelByInput,
     ScoreThreshold,
+    check_distances,
     model_file,
     model_words,
 )
@@ -201,6 +202,7 @@ def checked_set_up(
         {
             "source": Path(source),
             "--depth": source_options.depth,
+            "--right": source_options.right,
             "--model": model_file(model),
             **rig_options.files(metres.camera),
         },
@@ -208,8 +210,15 @@ def checked_set_up(
     topics_by_role(source_options.topic)
     outputs.check(mqtt)
     has_depth = source_options.has_depth(source)
-    outputs.check_places(source, has_depth=has_depth or rig_options.references() is not None)
-    rig, pair = rig_options.rig_and_pair(metres.camera, None, source_options.right_given)
+    without_depth = rig_options.references() is not None
+    if source_options.right is not None:
+        check_distances(
+            source_options.depth, source_options.right, None, without_depth=without_depth
+        )
+    outputs.check_places(source, has_depth=has_depth or without_depth)
+    rig, pair = rig_options.rig_and_pair(
+        metres.camera, source_options.depth, source_options.right_given
+    )
     source_options.check(source, rig)
     record_options.check()
     return model or suited_model(has_depth), rig, rig_options.settings(), pair

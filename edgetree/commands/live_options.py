@@ -23,6 +23,7 @@ from edgetree.commands.options import (
     GroundCover,
     Mounting,
     RigErrors,
+    Right,
     Rotate,
     SpeciesName,
     StumpHeight,
@@ -125,6 +126,7 @@ class LiveSourceOptions:
     panel = INPUT
 
     depth: Depth = None
+    right: Right = None
     topic: Topic = None
     scene: Scene = None
     as_live: _AsLive = False
@@ -133,14 +135,14 @@ class LiveSourceOptions:
     @property
     def right_given(self) -> str | None:
         """The option that names the right camera of a stereo pair, if one does."""
-        return right_topic(self.topic)
+        return "--right" if self.right is not None else right_topic(self.topic)
 
     def has_depth(self, source: str) -> bool:
         """Whether the frames of the source have depth, as those of programs may."""
         from edgetree.sources.depth_there import has_depth
 
         topics = topics_by_role(self.topic)
-        return source == CLIENTS or has_depth(source, self.depth, topics=topics)
+        return source == CLIENTS or has_depth(source, self.depth, self.right, topics=topics)
 
     def open(
         self,
@@ -164,6 +166,7 @@ class LiveSourceOptions:
         opened = open_live_source(
             source,
             depth=self.depth,
+            right=self.right,
             rig=rig,
             topics=topics_by_role(self.topic),
             modality="depth" if are_files and takes_depth and self.depth is None else "both",
@@ -184,6 +187,7 @@ class LiveSourceOptions:
             "depth_scale_m": rig.depth_scale_m is not None,
             "depth_kind": rig.depth_kind != "depth",
             "depth": self.depth is not None,
+            "right": self.right is not None,
             "loop": self.loop,
             "scene": self.scene is not None,
         }

@@ -137,10 +137,26 @@ def open_files(
     Raises:
         InputError: a file is missing or has another format, or the rate is not above 0.
     """
+    rig = rig or Rig()
+    return as_stream(open_source(path, depth, depth_only=depth_only, rig=rig), rig, rate_hz)
+
+
+def as_stream(
+    frames: FrameSource, rig: Rig | None = None, rate_hz: float = _DEFAULT_RATE_HZ
+) -> FrameSource:
+    """Frames of files as a stream: with numbers, times, and what the rig states.
+
+    Args:
+        frames: Frames of pictures or a video. Those that cannot be read are left out.
+        rig: Camera, vertical and mounting of frames that have none.
+        rate_hz: Frames per second of images, which have no time stamps.
+
+    Raises:
+        InputError: The rate is not above 0.
+    """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"rate_hz is {rate_hz}: expected frames per second, above 0")
-    rig = rig or Rig()
-    return _Stream(open_source(path, depth, depth_only=depth_only, rig=rig), rig, rate_hz)
+    return _Stream(frames, rig or Rig(), rate_hz)
 
 
 def as_typed(source: Path) -> str:

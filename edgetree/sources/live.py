@@ -22,12 +22,12 @@ from edgetree.sources.cameras.opencv import open_camera
 from edgetree.sources.cameras.orbbec import open_orbbec
 from edgetree.sources.cameras.realsense import open_realsense
 from edgetree.sources.drive import is_drive, open_drive
-from edgetree.sources.files import open_files
+from edgetree.sources.files import as_stream, open_files
 from edgetree.sources.opening import check_options, with_scale
 from edgetree.sources.phones.opening import is_capture, open_capture
 from edgetree.sources.playing import Changed, Looped
 from edgetree.sources.source import FrameSource
-from edgetree.sources.stereo import open_stereo_recording
+from edgetree.sources.stereo import open_stereo, open_stereo_recording
 
 SOURCE_FORMS: Final = (
     "realsense, oak, orbbec, a device (0, /dev/video0), an address (rtsp://..., http://...), a"
@@ -45,6 +45,7 @@ def open_live_source(
     text: str,
     *,
     depth: Path | None = None,
+    right: Path | None = None,
     rig: Rig | None = None,
     topics: Mapping[str, str] | None = None,
     depth_scale_m: float | None = None,
@@ -60,6 +61,7 @@ def open_live_source(
             rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a capture of a phone,
             a dataset of the preset `drive`, an image, a folder of images or a video.
         depth: Depth image or folder of depth images; for images alone.
+        right: Picture, folder or video of the right camera of a stereo pair; with `pair`.
         rig: Cameras and gravity of images, videos and cameras without intrinsics of their own;
             unit, kind and correction of the depth.
         topics: Names of topics by role, for recordings.
@@ -67,7 +69,8 @@ def open_live_source(
         modality: Which images of a recording are read. Of "depth", images in files are depth.
         scene: Number of the drive in a dataset with several.
         loop: Whether a recording starts again at its end, for ever.
-        pair: Calibration of two cameras, for recordings of which `topics` names `right`.
+        pair: Calibration of two cameras, for `right`, and for recordings of which `topics` names
+            `right`.
 
     Raises:
         InputError: There is no such source, or an option does not fit it.
@@ -80,6 +83,7 @@ def open_live_source(
     path = Path(name)
     is_phone = not camera and is_capture(path)
     is_recording = not (camera or is_phone) and is_bag(path)
+    are_pictures = not (camera or is_recording or is_phone or is_drive(path))
     check_options(
         hide_secrets(text),
         {
@@ -89,7 +93,8 @@ def open_live_source(
             "depth_calibration": rig.depth_calibration is not None
             and camera
             and name not in VENDORS,
-            "depth": depth is not None and (camera or is_recording or is_phone or is_drive(path)),
+            "depth": depth is not None and not are_pictures,
+            "right": right is not None and not are_pictures,
             "loop": loop and camera,
             "scene": scene is not None and not is_drive(path),
         },
@@ -104,6 +109,8 @@ def open_live_source(
         source = open_capture(path, rig=rig)
     elif is_drive(path):
         source = open_drive(path, scene=scene, rig=rig)
+    elif right is not None and pair is not None:
+        source = as_stream(open_stereo(path, right, pair, rig=rig), rig)
     else:
         source = open_files(path, depth, depth_only=modality == "depth", rig=rig)
     return Looped(source) if loop else source

@@ -26,6 +26,7 @@ _OPTION_SOURCES: Final = {
     "depth_kind": "files, recordings and drives",
     "depth_calibration": "sources with depth",
     "depth": "images",
+    "right": "pictures and videos",
     "loop": "files and recordings",
     "scene": "datasets of drives",
 }

@@ -75,6 +75,15 @@ def test_the_mounting_is_turned_with_the_pictures() -> None:
     np.testing.assert_allclose(rig.mounting.rotation[2], rig.up_camera)
 
 
+def test_live_takes_pairs(run_cli: Cli, pair_folder: Path) -> None:
+    given = ("--right", "right", "--camera", "pair.json", "--jsonl", "trees.jsonl")
+    done = run_cli("live", "left", *given)
+    assert done.code == 0, done.err
+    lines = [json.loads(line) for line in Path("trees.jsonl").read_text().splitlines()]
+    assert [line["frame"] for line in lines] == [0, 1]
+    assert "for depth images" in done.err
+
+
 def test_run_and_measure_take_pairs(run_cli: Cli, pair_folder: Path) -> None:
     given = ("--right", "right", "--camera", "pair.json", "--csv", "trees.csv")
     done = run_cli("run", "left", *given)
@@ -106,6 +115,27 @@ WRONG = {
     "a kind of depth": (
         "run left --right right --camera pair.json --depth-kind range",
         "given with --right: expected none",
+    ),
+    "live, no calibration": ("live left --right right", "--right given without --camera"),
+    "live, depth as well": (
+        "live left --right right --camera pair.json --depth left",
+        "--right given with --depth",
+    ),
+    "live, a way without depth": (
+        "live left --right right --camera pair.json --camera-height 2.5",
+        "--right given with an option for pictures without depth",
+    ),
+    "live, a camera": (
+        "live 0 --right right --camera pair.json",
+        "right is given for source 0: expected it for pictures and videos alone",
+    ),
+    "live, programs": (
+        "live clients --serve ipc:///tmp/f --right right --camera pair.json",
+        "right is given for source clients: expected it for pictures and videos alone",
+    ),
+    "live, fewer pictures": (
+        "live left --right fewer --camera pair.json",
+        "has 2 pictures and fewer has",
     ),
     "parts": (
         "run left --right right --camera pair.json --shards parts",
