@@ -6,10 +6,11 @@ import logging
 import shutil
 import sqlite3
 import tempfile
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 from basetree.files.limits import current_limits
@@ -18,6 +19,8 @@ from edgetree.sources.bags.storage import Channel, Stored
 _log = logging.getLogger(__name__)
 
 _LOGS: Final = ("-wal", "-journal")
+_PRIMARY: Final = 0xFF
+"""The bits of an error code that tell the kind of the error."""
 _TEXTS: Final = {"name": 1, "type": 2, "serialization_format": 3}
 
 
@@ -26,6 +29,8 @@ class SqliteFile:
 
     A database beside which a log with content lies was not closed. It is copied with its log to a
     temporary folder, where SQLite takes over what the log has; the user's files stay as they are.
+    Of a file that lacks its end, the messages before the first page that cannot be read are given,
+    in the order in which they were recorded.
 
     Args:
         path: The file.
@@ -61,11 +66,11 @@ class SqliteFile:
         most = min(current_limits().recording_chunk_bytes, 2**31 - 1)
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, most)
         self._database.execute("PRAGMA trusted_schema = OFF")
+        # Without this SQLite opens no file that lacks pages. Nothing is written.
+        self._database.execute("PRAGMA writable_schema = ON")
         for table in ("messages", "topics"):
             self._check_table(table)
-        counts = dict(
-            self._database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id")
-        )
+        counts = self._count()
         self._by_id: dict[int, Channel] = {}
         rows = self._database.execute("SELECT id, name, type, serialization_format FROM topics")
         for row in rows:
@@ -74,11 +79,25 @@ class SqliteFile:
                     raise ValueError(f"a {column} in its table topics is no text")
             self._by_id[row[0]] = Channel(row[1], row[2], row[3], counts.get(row[0], 0))
         self.channels = list(self._by_id.values())
-        first, last = self._database.execute(
-            "SELECT MIN(timestamp), MAX(timestamp) FROM messages WHERE typeof(timestamp)='integer'"
-        ).fetchone()
-        self.start_ns: int = 2**63 - 1 if first is None else first
-        self.end_ns: int = 0 if last is None else last
+
+    def _count(self) -> Counter[Any]:
+        """Find the number of messages of each topic, the first and last time, and the last row."""
+        counts: Counter[Any] = Counter()
+        self.start_ns, self.end_ns = 2**63 - 1, 0
+        # Not by its index on time: rows come in the order of the table's pages.
+        query = "SELECT topic_id, timestamp FROM messages NOT INDEXED ORDER BY rowid"
+        with closing(self._database.execute(query)) as rows:
+            try:
+                for topic, log_ns in rows:
+                    counts[topic] += 1
+                    if isinstance(log_ns, int):
+                        self.start_ns = min(self.start_ns, log_ns)
+                        self.end_ns = max(self.end_ns, log_ns)
+            except sqlite3.DatabaseError as error:
+                if error.sqlite_errorcode & _PRIMARY != sqlite3.SQLITE_CORRUPT:
+                    raise
+                self.is_cut_off = True
+        return counts
 
     def _check_table(self, name: str) -> None:
         """Refuse views, virtual tables and columns that are computed: they can be of any size."""
@@ -99,16 +118,22 @@ class SqliteFile:
         """
         wanted = [number for number, channel in self._by_id.items() if channel in channels]
         places = ",".join("?" * len(wanted))
+        order = "rowid" if self.is_cut_off else "timestamp"
         query = (
-            "SELECT topic_id, timestamp, data FROM messages"
-            f" WHERE topic_id IN ({places}) ORDER BY timestamp"
+            f"SELECT topic_id, timestamp, data FROM messages {'NOT INDEXED' * self.is_cut_off}"
+            f" WHERE topic_id IN ({places}) ORDER BY {order}"
         )
         with closing(self._database.execute(query, wanted)) as rows:
-            for number, log_ns, data in rows:
-                if not isinstance(log_ns, int):
-                    raise ValueError("a timestamp in its table messages is no whole number")
-                # What is no blob cannot be decoded, and is counted so.
-                yield Stored(self._by_id[number], log_ns, data if isinstance(data, bytes) else b"")
+            try:
+                for number, log_ns, data in rows:
+                    if not isinstance(log_ns, int):
+                        raise ValueError("a timestamp in its table messages is no whole number")
+                    # What is no blob cannot be decoded, and is counted so.
+                    blob = data if isinstance(data, bytes) else b""
+                    yield Stored(self._by_id[number], log_ns, blob)
+            except sqlite3.DatabaseError:
+                if not self.is_cut_off:
+                    raise
 
     def close(self) -> None:
         """Close the database."""

@@ -150,6 +150,23 @@ def crashed(path: Path, folder: Path) -> Path:
     return target
 
 
+@pytest.mark.parametrize("share", [0.4, 0.7, 0.95])
+def test_a_database_without_its_end_is_read_up_to_there(
+    write_bag: Writer, tmp_path: Path, caplog: pytest.LogCaptureFixture, share: float
+) -> None:
+    whole = storage(write_bag("sqlite3", 40))
+    expected = [frame.time_s for frame in open_recording(whole)]
+    file = tmp_path / "short.db3"
+    content = whole.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    source = open_recording(file)
+    times = [frame.time_s for frame in source]
+    assert 0.5 * share < len(times) / len(expected) < 1
+    assert times == expected[: len(times)]
+    assert source.counts["end missing"] == 1
+    assert f"recording {file}: its end is missing" in caplog.text
+
+
 def test_the_log_beside_a_database_is_read_and_the_files_stay(
     write_bag: Writer, tmp_path: Path
 ) -> None:
