@@ -216,9 +216,7 @@ def checked_set_up(
             source_options.depth, source_options.right, None, without_depth=without_depth
         )
     outputs.check_places(source, has_depth=has_depth or without_depth)
-    rig, pair = rig_options.rig_and_pair(
-        metres.camera, source_options.depth, source_options.right_given
-    )
+    rig, pair = rig_options.rig_and_pair(metres.camera, None, source_options.right_given)
     source_options.check(source, rig)
     record_options.check()
     return model or suited_model(has_depth), rig, rig_options.settings(), pair

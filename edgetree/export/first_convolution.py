@@ -156,6 +156,7 @@ def _take_columns_apart(backbone: nn.Module, convolution: str) -> None:
     for each in ("running_mean", "running_var"):
         setattr(norm, each, getattr(norm, each).repeat(_COLUMNS))
     owner.set_submodule(after[0], norm)
+    # The activation is a module of its own, or part of the norm.
     last = after[1] if not list(owner.get_submodule(after[1]).parameters()) else after[0]
     owner.set_submodule(last, nn.Sequential(owner.get_submodule(last), Apart()))
 
