@@ -32,9 +32,9 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     One value `zero`, the rounded mean over all channels, is subtracted from all bytes. With weight
     w, pixel x and channel mean m, `w (x - m) / std = w / std (x - zero) + w / std (zero - m)`. The
     last term is a bias. Around a colour image, where 0 stands for the mean in the original, each
-    channel is its mean, rounded to a byte. An image of one channel whose three means differ, or are
-    no byte, has no such byte: an additional channel of constant value, which is `zero` around the
-    image, carries the last term.
+    channel is its mean, rounded to a byte. For an image of one channel with three different means,
+    or with a mean that is no whole number, no byte stands for the mean. There an additional channel
+    of constant value, which is `zero` around the image, carries the last term.
     """
     spec = model.spec
     size = spec.height, spec.width
@@ -86,7 +86,7 @@ def _reading_bytes(
     constant = one_channel and bool((means != zero).any())
     if one_channel:
         weight = weight.sum(1, keepdim=True)
-        around, bias = torch.tensor([zero] * (1 + constant), dtype=torch.uint8), 0.0 * bias
+        around, bias = around.new_full((1 + constant,), zero), torch.zeros_like(bias)
     if constant:
         weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
     # The mean of a block of pixels before a tap is a block of equal taps.

@@ -81,7 +81,7 @@ class SqliteFile:
         self.channels = list(self._by_id.values())
 
     def _count(self) -> Counter[Any]:
-        """The number of messages of each topic; finds the first and the last time, too."""
+        """Count the messages of each topic, and set the first and the last time."""
         counts: Counter[Any] = Counter()
         self.start_ns, self.end_ns = 2**63 - 1, 0
         # Not by its index on time: rows come in the order of the table's pages.
