@@ -8,6 +8,8 @@ by least squares, with the ovality of stems as a prior on a and b.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,7 +81,8 @@ class AcrossMasks(NamedTuple):
     half_px: Float
 
 
-class _Profiles(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Profiles:
     """Depth across the parts of stems.
 
     Attributes:
@@ -94,7 +97,7 @@ class _Profiles(NamedTuple):
     scatter_m: Float
     half_px: Float
 
-    @property
+    @cached_property
     def level_m(self) -> Float:
         """(T, P) median depth."""
         return masked_medians(self.depth_m, self.readings > 0)

@@ -36,4 +36,4 @@ def lowest_std_px(frame: DepthFrame) -> Float:
     """(T,) standard deviations of the lower ends of T masks, in pixels."""
     rows = [mask.cell_height_px for mask in frame.masks or ()]
     spread = 0.0 if frame.masks_given else frame.settings.mask_spread
-    return np.asarray(np.hypot(frame.mask_std_px(), spread * np.array(rows)))
+    return np.asarray(np.hypot(frame.mask_std_px, spread * np.array(rows)))

@@ -258,6 +258,7 @@ class DepthFrame:
         usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
         return np.where(usable, depth_m, 0.0)
 
+    @cached_property
     def mask_std_px(self) -> Float:
         """(T,) standard deviation of an edge of each mask, in pixels."""
         masks, settings = self.masks or (), self.settings

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from edgetree.measure.constants.depth import NEARER_M, NEARER_SHARE
 from edgetree.measure.constants.outlines import (
     BORDER_MASK_STDS,
@@ -58,6 +58,19 @@ class Outline:
     depth_shift_px: Float
     depth_ramp_px: float
     keypoints_inwards_px: float = 0.0
+
+    def of(self, stems: Index) -> Outline:
+        """The outlines of some of the stems, chosen by their numbers."""
+        return replace(
+            self,
+            regions=self.regions.of(stems),
+            edges_px=self.edges_px[:, stems],
+            found=self.found[:, stems],
+            valid=self.valid[:, stems],
+            visible_fraction=self.visible_fraction[stems],
+            std_px=self.std_px[stems],
+            depth_shift_px=self.depth_shift_px[stems],
+        )
 
     @property
     def smoothed_away(self) -> Bool:
@@ -140,7 +153,7 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
     found = np.where(moves[..., None], depth.known, found)
     inwards_px = np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
-    mask_std_px, keypoints_px = frame.mask_std_px(), 0.0
+    mask_std_px, keypoints_px = frame.mask_std_px, 0.0
     if frame.by_network and not frame.is_sparse:
         ends = surface_ends(frame, regions, edges_px, depth, front_m)
         offsets = edge_offsets(regions, depth, ends, moves, mask_std_px)
@@ -180,7 +193,7 @@ def _border_px(frame: DepthFrame, keypoints: Keypoints) -> Float:
     else:
         px = np.where(clipped, CLIPPED_GAP_PX, NETWORK_BORDER_PX)
         border_px = px * reference_px(frame.camera.width)
-    return np.asarray(border_px + BORDER_MASK_STDS * frame.mask_std_px())
+    return np.asarray(border_px + BORDER_MASK_STDS * frame.mask_std_px)
 
 
 def _contradiction_px(

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 
 STATIONS = 24
 """Number of cross-lines along every stem, at which its edges and depth are sampled.
@@ -43,8 +43,8 @@ class SearchRegions:
         """(T, 2) unit vector at right angles to the centre line, to the right of the stem."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
 
-    def of(self, stems: Bool) -> SearchRegions:
-        """The regions of some of the stems, chosen by flags (T,)."""
+    def of(self, stems: Bool | Index) -> SearchRegions:
+        """The regions of some of the stems, chosen by flags (T,) or their numbers."""
         return SearchRegions(*(part[stems] for part in self.arrays))
 
     @property

@@ -89,35 +89,39 @@ def without_second_stems(
     Returns:
         The frame and the boxes without them, and which masks hold one.
     """
-    wanted = ~keypoints.has_section
-    second = SecondStems(np.zeros_like(wanted), np.zeros_like(wanted))
-    if not wanted.any() or frame.masks is None:
+    second = SecondStems(*np.zeros((2, len(boxes_px)), np.bool_))
+    wanted = np.flatnonzero(~keypoints.has_section)
+    if not len(wanted) or frame.masks is None:
         return frame, boxes_px, second
-    across = look_across(frame, outline)
-    parting = _parting(across)
     masks, boxes_px = list(frame.masks), boxes_px.copy()
+    outline = outline.of(wanted)
+    across = look_across(replace(frame, masks=[masks[index] for index in wanted]), outline)
+    parting = _parting(across)
     suspected = (across.two | parting).sum(1) >= _MIN_TWO
     # From its foot on, as a fork does not.
     parted = across.parted[np.arange(len(wanted)), across.seen.argmax(1)]
     parted &= across.parted.sum(1) >= _MIN_AGREEING
-    for index in np.flatnonzero(wanted & (suspected | parted)).tolist():
-        parts = AcrossMasks(*(part[index] for part in across))
-        regions = SearchRegions(*(part[[index]] for part in outline.regions.arrays))
-        stem = _meant(parts, parting[index], regions, frame.camera.fx)
+    for row in np.flatnonzero(suspected | parted).tolist():
+        index = wanted.item(row)
+        parts = AcrossMasks(*(part[row] for part in across))
+        regions = outline.regions.of(np.array([row]))
+        stem = _meant(parts, parting[row], regions, frame.camera.fx)
         if stem is None:
-            second.unclear[index] = parted[index] or parts.two.sum() >= _MIN_TWO
+            second.unclear[index] = parted[row] or parts.two.sum() >= _MIN_TWO
             continue
         if _misses(stem, keypoints, index, regions):
             second.unclear[index] = True
             continue
-        other = parts.two | parting[index]
+        other = parts.two | parting[row]
         if stem.inner.any(1).sum() + other[stem.highest + 1 :].sum() >= _MIN_TWO:
             second.cut[index] = True
             masks[index] = _cut(masks[index], stem, regions)
             boxes_px[index] = mask_box(masks[index], boxes_px[index])
         else:
-            second.unclear[index] = parted[index]
-    return replace(frame, masks=masks), boxes_px, second
+            second.unclear[index] = parted[row]
+    if second.cut.any():
+        frame = replace(frame, masks=masks)
+    return frame, boxes_px, second
 
 
 def _parting(across: AcrossMasks) -> Bool:

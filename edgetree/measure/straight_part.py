@@ -63,7 +63,9 @@ def with_straight_parts(
             masks[index], parts.above_foot[index] = found
             parts.cut[index] = True
             boxes_px[index] = mask_box(masks[index], boxes_px[index])
-    return replace(frame, masks=masks), boxes_px, parts
+    if parts.cut.any():
+        frame = replace(frame, masks=masks)
+    return frame, boxes_px, parts
 
 
 def _is_near(mask: MaskGrid, focal_px: float) -> bool:
