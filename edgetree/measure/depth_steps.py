@@ -55,10 +55,9 @@ def _side_px(changes: Index) -> int:
 
 def _of_disparities(depth_m: Float) -> bool:
     """Whether depths (R, W) step as disparities do."""
-    within = (depth_m >= _RANGES_MM[0] / 1000) & (depth_m < _RANGES_MM[-1] / 1000 - 1e-3)
-    # Others count as 0 mm, which no range holds.
-    depth_mm = np.rint(1000 * np.where(within, depth_m, 0)).astype(np.int32)
-    counts = np.bincount(depth_mm.ravel(), minlength=_RANGES_MM[-1] + 1)
+    # Others count below the first range, or at the end of the last one, which is cut off.
+    depth_mm = np.rint(np.fmin(np.fmax(1000 * depth_m, 0.0), _RANGES_MM[-1])).astype(np.intp)
+    counts = np.bincount(depth_mm.ravel(), minlength=_RANGES_MM[-1] + 1)[: _RANGES_MM[-1]]
     number = np.add.reduceat(counts, _RANGES_MM[:-1])
     values = np.add.reduceat(np.minimum(counts, 1), _RANGES_MM[:-1])
     known = (number >= _MIN_COUNT * values) & (values >= _MIN_VALUES)

@@ -273,9 +273,7 @@ def find_grounds(
         samples = sample_around(frame, axes, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         few = samples.usable.sum(1) < _FEW_POINTS
-        own = ~bases.foot_within[missing]
-        if own.any():
-            own &= _may_be_own(samples, radius_m, cuts, up)
+        own = _may_be_own(samples, radius_m, cuts, up, ~bases.foot_within[missing])
         for index, found, unseen, narrow in zip(missing, planes, few, own, strict=True):
             if isinstance(found, Failure):
                 grounds[index] = UnseenGround(found.reason) if unseen or narrow else found
@@ -291,18 +289,20 @@ def find_grounds(
     return grounds
 
 
-def _may_be_own(samples: GroundSamples, radii_m: Float, cuts: Float, up: Float) -> Bool:
-    """(T,) whether all that is seen beside near stems is no wider than they are.
-
-    A plane through it may be one through their own bark and roots.
-    """
-    level = samples.points - (samples.points @ up)[..., None] * up
-    usable = samples.usable[..., None]
+def _may_be_own(
+    samples: GroundSamples, radii_m: Float, cuts: Float, up: Float, asked: Bool
+) -> Bool:
+    """(T,) of those asked, near stems beside which no more shows than their own bark and roots."""
+    own: Bool = asked & (2 * radii_m > NEAR_RAD * np.linalg.norm(cuts, axis=1))
+    if not own.any():
+        return own
+    points, usable = samples.points[own], samples.usable[own][..., None]
+    level = points - (points @ up)[..., None] * up
     count = np.maximum(usable.sum(1, keepdims=True), 1)
     off_m = np.where(usable, level - np.where(usable, level, 0.0).sum(1, keepdims=True) / count, 0)
     squares = np.linalg.eigvalsh(off_m.swapaxes(1, 2) @ off_m / count)[:, -1]
-    near = 2 * radii_m > NEAR_RAD * np.linalg.norm(cuts, axis=1)
-    return np.asarray(near & (squares < (OWN_RADII * radii_m) ** 2))
+    own[own] = squares < (OWN_RADII * radii_m[own]) ** 2
+    return own
 
 
 def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround | Failure:

@@ -31,6 +31,10 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Bool
     radius that touch. Its score is the share of their difference that the readings show, by least
     squares. The score of a mask is the median of its stations.
 
+    Readings far from the stem are clipped to it: between two stems, the background shows along the
+    whole mask and so tells them apart. Where most readings are of the background, only the others
+    show the shape, so the masks are scored without those, too.
+
     Args:
         stems: T fitted stems.
         readings: Their depth readings (T, N), station by station.
@@ -39,28 +43,6 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Bool
     Returns:
         (T,) flags.
     """
-    return _shows_several(stems, readings, stations, False) | _shows_several(
-        stems, readings, stations, True
-    )
-
-
-def _shows_several(stems: Stems, readings: Readings, stations: int, near_only: bool) -> Bool:
-    """(T,) flags; `near_only` leaves out readings far from the stem instead of clipping them.
-
-    Between two stems, the background shows along the whole mask, and clipped it tells them apart.
-    Where most readings are of the background, only the others show the shape.
-    """
-    scores, known = _scores(stems, readings, stations, near_only)
-    score = masked_medians(scores, known)
-    scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
-    seen = known.sum(1)
-    std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings.readings_per_error, 1.0), 1.0))
-    enough = seen >= _MIN_STATIONS * stations
-    return np.asarray(enough & (score > np.maximum(SEVERAL_STEMS_SCORE, SEVERAL_STEMS_STDS * std)))
-
-
-def _scores(stems: Stems, readings: Readings, stations: int, near_only: bool) -> tuple[Float, Bool]:
-    """(T, S) scores of the stations, and which are known."""
     sections = stems.sections
     view = sections.view(readings.rays)
     shape = (len(readings.depth_m), stations, -1)
@@ -73,11 +55,38 @@ def _scores(stems: Stems, readings: Readings, stations: int, near_only: bool) ->
     )
     middle_m, reach_m = stems.distance_m[:, None, None], _MAX_OFF * stems.radius_m[:, None, None]
     near_m = np.clip(axis_m, middle_m - reach_m, middle_m + reach_m)
-    if near_only:
-        used &= near_m == axis_m
-    axis_m = near_m
-    radius_m = _means(axis_m, used) * np.sin(sections.half_rad)[:, None, None]
-    behind = (axis_m - _means(axis_m, used)) / np.where(radius_m > 0, radius_m, 1.0)
+    half_rad, per_error = sections.half_rad, readings.readings_per_error
+    clipped = _shows_several(offset, near_m, used, half_rad, per_error)
+    near_only = _shows_several(offset, near_m, used & (near_m == axis_m), half_rad, per_error)
+    return clipped | near_only
+
+
+def _shows_several(
+    offset: Float, axis_m: Float, used: Bool, half_rad: Float, readings_per_error: Float
+) -> Bool:
+    """(T,) flags.
+
+    Args:
+        offset: (T, S, N) places across the stems, in half widths from the middle.
+        axis_m: (T, S, N) distances to the axis that the readings give.
+        used: (T, S, N) which of them are used.
+        half_rad: (T,) half the viewing angle of the stems.
+        readings_per_error: (T,) number of readings that share one error.
+    """
+    scores, known = _scores(offset, axis_m, used, half_rad)
+    score = masked_medians(scores, known)
+    scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
+    seen = known.sum(1)
+    std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings_per_error, 1.0), 1.0))
+    enough = seen >= _MIN_STATIONS * known.shape[1]
+    return np.asarray(enough & (score > np.maximum(SEVERAL_STEMS_SCORE, SEVERAL_STEMS_STDS * std)))
+
+
+def _scores(offset: Float, axis_m: Float, used: Bool, half_rad: Float) -> tuple[Float, Bool]:
+    """(T, S) scores of the stations, and which are known; arguments as above."""
+    mean_m = _means(axis_m, used)
+    radius_m = mean_m * np.sin(half_rad)[:, None, None]
+    behind = (axis_m - mean_m) / np.where(radius_m > 0, radius_m, 1.0)
     inner = np.clip(np.abs(offset - 0.5) / 0.5, 0.0, 1.0)
     shapes = np.sqrt(1 - np.minimum(offset, 1.0) ** 2) - 0.5 * np.sqrt(1 - inner**2)
     template = np.where(used, shapes - _means(shapes, used), 0.0)
