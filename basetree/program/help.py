@@ -115,7 +115,15 @@ class _Help:
 
 
 class _Command(_Help, TyperCommand):
-    """A command."""
+    """A command, each of whose options may be given once."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not ctx.resilient_parsing:
+            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+            for param in given:
+                if _takes_one(param) and given.count(param) > 1:
+                    ctx.fail(f"{max(param.opts, key=len)} is given twice: expected once")
+        return super().parse_args(ctx, args)
 
 
 class _Group(_Help, TyperGroup):
@@ -154,6 +162,11 @@ def _metavar(kind: Any) -> str | None:
     if kind in _METAVARS:
         return _METAVARS[kind]
     return next(filter(None, map(_metavar, get_args(kind))), None)
+
+
+def _takes_one(param: Any) -> bool:
+    is_option = param.param_type_name == "option"
+    return is_option and not (param.multiple or param.is_flag or param.count)
 
 
 def _argument(param: Any) -> str:

@@ -17,6 +17,7 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from basetree.arrays import Float
+from basetree.counts import counted
 from basetree.normal import MEDIAN_ABS_NORMAL
 from edgetree.check.distributions import (
     at_least,
@@ -280,12 +281,17 @@ def _power(check: QuantityCheck, bias_level: float, stated_level: float) -> Powe
         return t_test_power(share, std, stems, bias_level, TOLERATED_BIAS) if known else 0.0
 
     half = partial(_half_stated_power, stated_level)
+
+    def both(stems: int) -> float:
+        # One stem does not show how its errors scatter, so nothing tells yet what a bias needs.
+        return min(bias(LARGE_BIAS, stems), half(stems)) if count > 1 else half(stems)
+
     powers = bias(SMALL_BIAS, count), bias(LARGE_BIAS, count), half(count)
     return Power(
         count,
         *powers,
         _needed(count, powers[0], lambda stems: bias(SMALL_BIAS, stems)),
-        _needed(count, min(powers[1:]), lambda stems: min(bias(LARGE_BIAS, stems), half(stems))),
+        _needed(count, min(powers[1:]), both),
     )
 
 
@@ -308,8 +314,10 @@ def _needed(stems: int, power: float, at: Callable[[int], float]) -> int:
 
 
 def _few(power: Power) -> str:
+    verb = "is" if power.stems == 1 else "are"
     return (
-        f"{power.stems} stems are too few to tell: a bias of {LARGE_BIAS * 100:g} % would be seen"
-        f" in {power.large_bias * 100:.0f} of 100 cases, stated errors of half the true ones in"
-        f" {power.half_stated * 100:.0f}; measure about {power.needed} stems"
+        f"{counted(power.stems, 'stem')} {verb} too few to tell: a bias of"
+        f" {LARGE_BIAS * 100:g} % would be seen in {power.large_bias * 100:.0f} of 100 cases,"
+        f" stated errors of half the true ones in {power.half_stated * 100:.0f}; measure about"
+        f" {power.needed} stems"
     )

@@ -163,7 +163,12 @@ def live(
             service,
             page,
         )
-        run.follow(health, mqtt)
+        try:
+            run.follow(health, mqtt)
+        except KeyboardInterrupt:
+            run.tell_end()
+            run.tell_files()
+            raise
         run.tell_end()
         note(model_words(detector, model_path))
         run.tell_files()
@@ -193,6 +198,7 @@ def checked_set_up(
     Raises:
         InputError: Options contradict each other, a value is wrong, or a file cannot be read.
     """
+    from basetree.files.places import check_folders
     from basetree.files.writing import check_paths
     from edgetree.catalogue import suited_model
 
@@ -209,6 +215,7 @@ def checked_set_up(
     )
     topics_by_role(source_options.topic)
     outputs.check(mqtt)
+    check_folders((outputs.jsonl, outputs.csv, outputs.map, outputs.report))
     has_depth = source_options.has_depth(source)
     without_depth = rig_options.references() is not None
     if source_options.right is not None:
@@ -216,7 +223,9 @@ def checked_set_up(
             source_options.depth, source_options.right, None, without_depth=without_depth
         )
     outputs.check_places(source, has_depth=has_depth or without_depth)
-    rig, pair = rig_options.rig_and_pair(metres.camera, None, source_options.right_given)
+    rig, pair = rig_options.rig_and_pair(
+        metres.camera, source_options.depth, source_options.right_given
+    )
     source_options.check(source, rig)
     record_options.check()
     return model or suited_model(has_depth), rig, rig_options.settings(), pair

@@ -239,6 +239,7 @@ def measure(
 
     Each value comes with its standard deviation, or the reason why it could not be measured.
     """
+    from basetree.files.places import check_folders
     from basetree.files.writing import check_paths
     from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
     from edgetree.commands.other_model import better_result
@@ -251,6 +252,7 @@ def measure(
         inputs.check_shards()
     else:
         inputs.check(image, camera, rig_options, outputs)
+        check_folders(vars(outputs).values())
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
         {

@@ -50,6 +50,10 @@ if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
 
+# Stumps and covers of the ground are no higher than this, m; larger numbers are of another unit.
+_MOST_HEIGHT_M = 3.0
+
+
 @dataclass(frozen=True)
 class RigOptions:
     """The options about the cameras and the measurement, without --camera and --depth."""
@@ -184,7 +188,7 @@ class RigOptions:
         """The settings of the measurement; None for the defaults.
 
         Raises:
-            InputError: --stump-height is not positive, --ground-cover is not two lengths, or
+            InputError: --stump-height is out of range, --ground-cover is not two lengths, or
                 --species is unknown.
         """
         from basetree.errors import InputError
@@ -194,8 +198,11 @@ class RigOptions:
         height_m = self.stump_height
         if height_m is None and self.species is None and self.ground_cover is None:
             return None
-        if height_m is not None and not (math.isfinite(height_m) and height_m > 0):
-            raise InputError(f"--stump-height is {height_m}: expected metres above 0")
+        if height_m is not None and not 0 < height_m <= _MOST_HEIGHT_M:
+            raise InputError(
+                f"--stump-height is {height_m:g}: expected metres above 0 and up to"
+                f" {_MOST_HEIGHT_M:g}"
+            )
         species = next((name for name in SPECIES if name == self.species), None)
         if species != self.species:
             raise InputError(f"--species is {self.species!r}: expected {EXPECTED_SPECIES}")
@@ -317,10 +324,10 @@ def _cover(text: str) -> tuple[float, float]:
         height_m, std_m = (float(part) for part in text.split(","))
     except ValueError:
         height_m = std_m = math.nan
-    if not (0 < height_m < math.inf and 0 < std_m < math.inf):
+    if not (0 < height_m <= _MOST_HEIGHT_M and 0 < std_m <= _MOST_HEIGHT_M):
         raise InputError(
             f"--ground-cover is {text!r}: expected a height and its standard deviation in metres,"
-            " both above 0, such as 0.3,0.05"
+            f" both above 0 and up to {_MOST_HEIGHT_M:g}, such as 0.3,0.05"
         )
     return height_m, std_m
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +17,10 @@ from basetree.files.picture_size import most_picture_bytes
 from basetree.files.reading import Picture, decode_picture, orientation_note
 from basetree.files.regular import read_regular
 from edgetree.detections import TreeDetections
+from edgetree.frames.mask_parts import mask_parts
 from edgetree.frames.pipeline import FoundTrees
+
+_log = logging.getLogger(__name__)
 
 _LOSSLESS: Final = ("PNG", "TIFF", "BMP", "PNM")
 _MAX_TREES: Final = 100
@@ -88,7 +92,7 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
             f"mask {path} contains {len(numbers)} values other than 0: expected one per tree, 1 to"
             f" {_MAX_TREES}"
         )
-    masks = np.stack([values == number for number in numbers])
+    masks = np.stack([_without_specks(path, number, values == number) for number in numbers])
     trees = TreeDetections(
         boxes_px=np.array([_box(mask) for mask in masks], np.float32),
         scores=np.ones(len(numbers), np.float32),
@@ -98,6 +102,32 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
         image_height=height,
     )
     return FoundTrees(trees, tuple(numbers), masks)
+
+
+def _without_specks(path: Path, number: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(H, W) the mask of a tree without small parts beside its stem; says what lies there."""
+    parts = mask_parts(mask)
+    if parts.specks:
+        _log.warning(
+            "mask %s: %s of value %d beside the stem, %d of %d px, %s left out",
+            path,
+            counted(parts.specks, "small part"),
+            number,
+            mask.sum() - parts.kept.sum(),
+            mask.sum(),
+            "is" if parts.specks == 1 else "are",
+            extra={"is_remark": True},
+        )
+    if parts.large:
+        _log.warning(
+            "mask %s: value %d has %d large parts side by side: if they are different trees, give"
+            " each its own number",
+            path,
+            number,
+            parts.large + 1,
+            extra={"is_remark": True},
+        )
+    return parts.kept
 
 
 def _read_values(path: Path) -> NDArray[np.integer]:

@@ -251,6 +251,7 @@ def measure_frame(
     if need is None and camera is not None:
         if frame.depth_m is not None:
             rig.tell_lens()
+            rig.tell_depth()
         inputs = _Inputs(frame, camera, found, rig, up_camera)
         measurements = inputs.measured(ways, settings)
     scaling, turning = _scaling(rig.camera, camera), _turning(frame, rig)

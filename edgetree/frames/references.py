@@ -72,6 +72,11 @@ class SizeReferences:
                 " on its left and one on its right"
             )
 
+    @property
+    def give_distances(self) -> bool:
+        """Whether they hold more than a horizon."""
+        return any(each is not None for each in (self.camera_height, self.marker, self.scale_bar))
+
     def camera_for(self, frame: Frame, camera: PinholeCamera | None) -> PinholeCamera | None:
         """The camera of a frame: that given, or by EXIF, or for marks alone an assumed one.
 

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+# Cosine of the angle, 1 degree, from which two verticals differ.
+_SAME_VERTICAL = 0.99985
+
 
 class DepthReading(NamedTuple):
     """Depth in metres.
@@ -131,6 +134,13 @@ class Rig:
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
 
+    def tell_depth(self) -> None:
+        """Say once that frames with depth need nothing else that tells sizes, if it is given."""
+        if self.references is not None and self.references.give_distances:
+            _tell_own(
+                "depth, by which they are measured", "--camera-height, --marker or --scale-bar"
+            )
+
     def tell_lens(self) -> None:
         """Warn, once for a camera, if its lens bends the pixels in which the depth is given.
 
@@ -152,13 +162,21 @@ class Rig:
         self, frame: Frame, camera: calib.PinholeCamera | None
     ) -> NDArray[np.float64] | None:
         """(3,) the vertical of a frame: its own, or that given, or by a given horizon."""
-        if frame.up_camera is not None:
-            return frame.up_camera
-        if self.up_camera is not None:
-            return unit_vector(self.up_camera)
+        up_camera = self._known_vertical(frame)
+        if up_camera is not None:
+            return up_camera
         if self.references is None or camera is None:
             return None
         return self.references.up_camera(camera)
+
+    def _known_vertical(self, frame: Frame) -> NDArray[np.float64] | None:
+        """(3,) the vertical of a frame: its own, or that given; says once that its own counts."""
+        given = None if self.up_camera is None else unit_vector(self.up_camera)
+        if frame.up_camera is None:
+            return given
+        if given is not None and given @ frame.up_camera < _SAME_VERTICAL:
+            _tell_own("a vertical, by which they are measured", "--up or --pitch")
+        return frame.up_camera
 
     def tell_assumed(
         self, camera: calib.PinholeCamera, has_vertical: bool, *, has_depth: bool = True
@@ -187,9 +205,7 @@ class Rig:
         Raises:
             CameraError: The camera is for another aspect ratio.
         """
-        up_camera = frame.up_camera
-        if up_camera is None and self.up_camera is not None:
-            up_camera = unit_vector(self.up_camera)
+        up_camera = self._known_vertical(frame)
         camera = frame.camera or self.camera_for(width, height)
         if frame.camera is None and frame.depth_m is not None:
             self.tell_lens()
@@ -274,6 +290,15 @@ class Rig:
         assert camera is not None
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
         return calib.register_depth(depth_m, depth_camera, camera, transform)
+
+
+@lru_cache(maxsize=64)
+def _tell_own(what: str, options: str) -> None:
+    _log.warning(
+        "frames of this source have %s: %s is only for frames without one",
+        *(what, options),
+        extra={"is_remark": True},
+    )
 
 
 @lru_cache(maxsize=64)

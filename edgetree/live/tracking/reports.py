@@ -14,6 +14,7 @@ from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate, Failure, PointEstimate
+from edgetree.measure.cut_diameter import if_certain
 
 # Standard deviation of the height of a point on an axis as the place of a cut that was never seen.
 _UNSEEN_CUT_STD_M = 1.0
@@ -88,8 +89,8 @@ def report_tracks(
                 state="confirmed" if confirmed[row] else "new",
                 position_m=PointEstimate(point[row], std[row]),
                 position_camera_m=in_camera[row],
-                diameter_m=fused[0],
-                dbh_m=fused[1],
+                diameter_m=_if_certain(fused[0]),
+                dbh_m=_if_certain(fused[1]),
                 cut_height_m=fused[2],
                 inclination_deg=fused[3],
                 frames=frames,
@@ -101,6 +102,10 @@ def report_tracks(
             )
         )
     return tracks
+
+
+def _if_certain(diameter: Estimate | Failure) -> Estimate | Failure:
+    return if_certain(diameter) if isinstance(diameter, Estimate) else diameter
 
 
 def _warnings(stems: StemMap, row: int) -> tuple[str, ...]:

@@ -192,3 +192,12 @@ def test_the_output_does_not_overwrite_an_input(run_cli: Cli, folder: Path) -> N
     assert done.code == 2
     assert "matched.csv, which is MEASURED.csv matched.csv too: expected another path" in done.err
     assert (folder / "matched.csv").read_bytes() == before
+
+
+def test_one_stem_is_told_how_many_more_are_needed(run_cli: Cli, folder: Path) -> None:
+    write_tables(folder, 1, factor=1.0)
+    done = run_cli(*CHECK)
+    assert done.code == 3
+    found = re.search(r"1 stem is too few to tell: .*; measure about (\d+) stems", done.out)
+    assert found, done.out
+    assert 5 <= int(found[1]) <= 50

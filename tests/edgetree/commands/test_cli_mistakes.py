@@ -75,6 +75,30 @@ BAD_INPUTS = {
         "run images/a.jpg --model model.onnx --depth images/a.jpg --camera camera.json --up 0,0,0",
         r"up_camera is \[0.0, 0.0, 0.0\]: expected a direction",
     ),
+    "an option given twice": (
+        "run images --model model.onnx --csv a.csv --csv b.csv",
+        r"--csv is given twice: expected once \(see `edgetree run --help`\)",
+    ),
+    "a cover in centimetres": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
+        " --ground-cover 30,5",
+        r"--ground-cover is '30,5': expected .* in metres, both above 0 and up to 3",
+    ),
+    "a stump in centimetres": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
+        " --stump-height 30",
+        r"--stump-height is 30: expected metres above 0 and up to 3",
+    ),
+    "a picture in a folder that is missing": (
+        "measure images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
+        " --out none/a.jpg",
+        r"none.a\.jpg cannot be written \(.+\): expected a file in an existing, writable folder",
+    ),
+    "a table that is a folder": (
+        "measure images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
+        " --csv depth",
+        r"depth is a folder: expected the name of a file to write",
+    ),
     "an unknown species": (
         "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
         " --species oak",

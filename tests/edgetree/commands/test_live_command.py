@@ -113,6 +113,29 @@ def test_a_wrong_source_replaces_no_file(run_cli: Cli, model: Path, tmp_path: Pa
     assert stems.read_text() == "of yesterday"
 
 
+def test_an_output_without_a_folder_moves_no_results_aside(
+    run_cli: Cli, source: tuple[object, ...], tmp_path: Path
+) -> None:
+    lines = tmp_path / "lines.jsonl"
+    lines.write_text("of yesterday")
+    before = sorted(tmp_path.rglob("*"))
+    stems = tmp_path / "none" / "stems.geojson"
+    done = run_cli("live", *source, "--jsonl", lines, "--map", stems)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "stems.geojson cannot be written" in done.err
+    assert lines.read_text() == "of yesterday"
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_depth_makes_needless_is_said(
+    run_cli: Cli, source: tuple[object, ...], tmp_path: Path
+) -> None:
+    done = run_cli("live", *source, "--camera-height", "1.6")
+    assert done.code == 2
+    assert "--depth given with an option for pictures without depth" in done.err
+
+
 def test_a_wrong_source_gives_one_line_with_a_recorder_too(
     run_cli: Cli, model: Path, tmp_path: Path
 ) -> None:
@@ -139,6 +162,7 @@ MISTAKES = {
     "map": (("--map", "a.shp"), "--map is a.shp: expected a name in .geojson or .gpkg"),
     "udp": (("--udp", "controller"), "controller"),
     "outputs": (("--csv", "a", "--jsonl", "a"), "expected another path"),
+    "twice": (("--csv", "a.csv", "--csv", "b.csv"), "--csv is given twice: expected once"),
     "record": (("--record", "images/a.jpg"), "a.jpg, which is a file of source"),
     "record all": (("--record-all",), "--record-all given without --record: expected both"),
     "port": (("--page", "--port", "70000"), "--port of the page is 70000"),
@@ -179,8 +203,10 @@ def test_sigterm_ends_it_with_everything_written(
         shown = (line for line in events if line.startswith(b"data: "))
         assert len(list(itertools.islice(shown, 5))) == 5
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
+    said = process.communicate(timeout=60)[1]
     assert process.returncode == 143
+    assert re.search(r"^ended: \d+ frames", said, re.MULTILINE)
+    assert f"jsonl: {lines}\n" in said
     frames = [json.loads(line)["frame"] for line in lines.read_text().splitlines()]
     assert frames == list(range(len(frames)))
     assert len(frames) > 2

@@ -85,3 +85,25 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(InputError, match=r"m\.png cannot be read \(\d+ bytes\)"):
         read_masks(path, (64, 48))
+
+
+def test_small_parts_beside_a_stem_are_left_out_and_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    values = _mask()
+    values[:] = np.where(values == 7, 0, values)
+    stem = values > 0
+    stem[20:24] = False  # a twig hides a piece of it
+    values[:] = np.where(stem, 9, 0)
+    values[30:32, 40:43] = 9
+    found = read_masks(_write(tmp_path / "m.png", values), (64, 48))
+    np.testing.assert_array_equal(found.mask(0), stem)
+    told = "m.png: 1 small part of value 9 beside the stem, 6 of 110 px, is left out"
+    assert told in caplog.text
+
+
+def test_trees_of_one_value_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    values = np.where(_mask() > 0, 255, 0).astype(np.uint8)
+    found = read_masks(_write(tmp_path / "m.png", values), (64, 48))
+    np.testing.assert_array_equal(found.mask(0), values > 0)
+    assert "value 255 has 2 large parts side by side: if they are different trees" in caplog.text

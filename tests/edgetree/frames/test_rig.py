@@ -10,7 +10,9 @@ import pytest
 import calib
 from basetree.errors import InputError, InputFileError
 from edgetree.commands.option_groups import RigOptions
-from edgetree.frames.rig import Rig
+from edgetree.frames.frame import Frame
+from edgetree.frames.references import ScaleBar, SizeReferences
+from edgetree.frames.rig import Rig, _tell_own
 
 COLOUR = calib.PinholeCamera(64, 48, 50.0, 50.0, 31.5, 23.5)
 HALF = COLOUR.scaled(32, 24)
@@ -120,3 +122,24 @@ def test_implausible_depth_is_reported(tmp_path: Path) -> None:
 def test_contradicting_values_are_rejected(values: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Rig(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["vertical_of", "completed"])
+def test_a_vertical_that_is_not_used_is_told(caplog: pytest.LogCaptureFixture, method: str) -> None:
+    _tell_own.cache_clear()
+    image = np.zeros((48, 64, 3), np.uint8)
+    frame = Frame("a", None, image, up_camera=np.array([0.0, -1.0, 0.0]))
+    rest = (None,) if method == "vertical_of" else (64, 48)
+    getattr(Rig(up_camera=(0.0, -2.0, 0.0)), method)(frame, *rest)
+    assert not caplog.text
+    getattr(Rig(up_camera=(0.0, -1.0, 0.2)), method)(frame, *rest)
+    assert "have a vertical, by which they are measured: --up or --pitch is only" in caplog.text
+
+
+def test_references_that_depth_makes_needless_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    _tell_own.cache_clear()
+    Rig(references=SizeReferences(horizon_px=(0.0, 20.0, 60.0, 20.0))).tell_depth()
+    assert not caplog.text
+    bar = ScaleBar((10.0, 10.0, 20.0, 10.0), 0.2)
+    Rig(references=SizeReferences(scale_bar=bar)).tell_depth()
+    assert "frames of this source have depth, by which they are measured" in caplog.text

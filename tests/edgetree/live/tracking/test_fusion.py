@@ -93,6 +93,18 @@ def test_contradicting_diameters_widen_the_interval_and_warn(rng):
     assert high > 0.4
 
 
+def test_a_diameter_whose_views_leave_it_too_uncertain_is_not_given(rng):
+    forest = Forest(np.array([[0.0, 5.0]]), np.array([0.3]), rng, SHARES)
+    tracker = StemTracker(SETTINGS)
+    for index in range(100):
+        frame, trees, (measured,) = forest.observe(index / 10, (0.08 * (index - 50), 0.0), 90.0)
+        value_m = 0.1 + 0.25 * (index >= 50)
+        other = replace(measured, diameter_m=Estimate(value_m, DIAMETER_STD_M))
+        (track,) = tracker.update(frame, trees, [other])
+    assert isinstance(track.diameter_m, Failure)
+    assert "the diameter is too uncertain" in track.diameter_m.reason
+
+
 def test_views_elsewhere_split_the_stem(rng):
     forest = Forest(np.array([[0.0, 5.0]]), np.array([0.3]), rng)
     tracker = StemTracker(SETTINGS)
