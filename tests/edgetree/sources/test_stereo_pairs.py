@@ -161,8 +161,15 @@ def test_pictures_that_do_not_match_are_a_fault(pair_folder: Path) -> None:
     cv2.imwrite(str(pair_folder / "right" / "1.png"), noise)
     first, second = open_stereo(pair_folder / "left", pair_folder / "right", bent_pair())
     assert first.depth_fault is None
-    share = (second.depth_m > 0).mean()
-    assert share < 0.02
+    assert second.depth_fault is not None
+    assert "left and right picture match nowhere: expected two pictures" in second.depth_fault
+
+
+def test_swapped_pictures_are_a_fault(pair_folder: Path) -> None:
+    frames = open_stereo(pair_folder / "right", pair_folder / "left", bent_pair(), rig=Rig())
+    for frame in frames:
+        assert frame.depth_fault is not None
+        assert "left and right in their order" in frame.depth_fault
 
 
 def test_pictures_of_16_bits_are_named(pair_folder: Path) -> None:
