@@ -33,7 +33,7 @@ def bench(
         typer.Argument(
             metavar="[MODEL]...",
             help="Exported .onnx files, or names that `edgetree models` lists.",
-            show_default="the packaged models",
+            show_default="the default models, edge-s-rgb and edge-n-depth",
         ),
     ] = None,
     *,

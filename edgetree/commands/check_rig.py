@@ -48,6 +48,11 @@ def check_rig(
 
     if not (math.isfinite(seconds) and seconds > 0):
         raise InputError(f"--seconds is {seconds}: expected seconds above 0")
+    if source_options.right_given is not None:
+        raise InputError(
+            f"{source_options.right_given} given: expected a camera with depth of its own, as the"
+            " depth of a stereo pair comes from its colour"
+        )
     rig = metres.as_rig_options().rig(metres.camera, None)
     detector, _ = session.open_model(model)
     with warnings_shown():

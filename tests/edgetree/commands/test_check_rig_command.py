@@ -31,3 +31,11 @@ def test_seconds_are_checked(run_cli: Callable[..., Any], images: Path) -> None:
     done = run_cli("check-rig", images, "--seconds", "0")
     assert done.code == 2
     assert "--seconds is 0.0: expected seconds above 0" in done.err
+
+
+def test_stereo_pairs_are_refused(run_cli: Callable[..., Any], images: Path) -> None:
+    camera = images.parent / "camera.json"
+    done = run_cli("check-rig", images, "--right", images, "--camera", camera)
+    assert done.code == 2
+    assert "--right given: expected a camera with depth of its own" in done.err
+    assert done.err.count("\n") == 1
