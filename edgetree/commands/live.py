@@ -103,6 +103,7 @@ def live(
     pipes one JSON object. Ctrl-C, SIGTERM and SIGHUP end it with everything written. Files of an
     earlier run are kept under another name.
     """
+    from basetree.files.places import check_folders
     from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.commands.live_run import LiveRun, LiveSource
@@ -115,6 +116,7 @@ def live(
     model, rig, settings, pair = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
+    check_folders((outputs.jsonl, outputs.csv, outputs.map, outputs.report))
     style = csv_options.style(outputs.csv)
     page_options.check_service(source)
     tracker = metres.tracker()
@@ -198,7 +200,6 @@ def checked_set_up(
     Raises:
         InputError: Options contradict each other, a value is wrong, or a file cannot be read.
     """
-    from basetree.files.places import check_folders
     from basetree.files.writing import check_paths
     from edgetree.catalogue import suited_model
 
@@ -215,7 +216,6 @@ def checked_set_up(
     )
     topics_by_role(source_options.topic)
     outputs.check(mqtt)
-    check_folders((outputs.jsonl, outputs.csv, outputs.map, outputs.report))
     has_depth = source_options.has_depth(source)
     without_depth = rig_options.references() is not None
     if source_options.right is not None:

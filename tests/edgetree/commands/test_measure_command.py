@@ -283,7 +283,7 @@ BAD_INPUTS = {
     ),
     "a stump of no height": (
         "images/a.jpg --depth depth/a.png --camera camera.json --stump-height 0",
-        "--stump-height is 0.0: expected metres above 0",
+        "--stump-height is 0: expected metres above 0",
     ),
     "a cover without a deviation": (
         "images/a.jpg --depth depth/a.png --camera camera.json --ground-cover 0.3",
