@@ -115,11 +115,11 @@ class ButtSwell(NamedTuple):
         return Estimate(section.value * growth, std)
 
 
-def if_certain(diameter: Estimate) -> Estimate | Failure:
+def if_certain(diameter: Estimate, name: str = "diameter") -> Estimate | Failure:
     """The diameter, or a failure if its relative standard deviation is too large."""
     if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
         return Failure(
-            "the diameter is too uncertain:"
+            f"the {name} is too uncertain:"
             f" {100 * diameter.value:.1f} ± {100 * diameter.std:.1f} cm"
         )
     return diameter

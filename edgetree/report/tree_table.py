@@ -91,11 +91,11 @@ class Reasons:
         self._missing: dict[str, dict[str, None]] = {}
 
     def add(self, tree: TreeMeasurement) -> None:
-        """Count the reasons of a tree."""
-        for what, text in failure_reasons(tree):
-            reason = _NUMBER.sub("{}", text)
+        """Count the reasons of a tree, each once."""
+        found = [(what, text, _NUMBER.sub("{}", text)) for what, text in failure_reasons(tree)]
+        self._trees.update({reason for _, _, reason in found})
+        for what, text, reason in found:
             self._numbers.setdefault(reason, []).append(_NUMBER.findall(text))
-            self._trees[reason] += 1
             names = what.removeprefix("no ").split(", ")
             self._missing.setdefault(reason, {}).update(dict.fromkeys(names))
 

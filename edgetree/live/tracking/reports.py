@@ -89,8 +89,8 @@ def report_tracks(
                 state="confirmed" if confirmed[row] else "new",
                 position_m=PointEstimate(point[row], std[row]),
                 position_camera_m=in_camera[row],
-                diameter_m=_if_certain(fused[0]),
-                dbh_m=_if_certain(fused[1]),
+                diameter_m=_if_certain(fused[0], "diameter"),
+                dbh_m=_if_certain(fused[1], "diameter at breast height"),
                 cut_height_m=fused[2],
                 inclination_deg=fused[3],
                 frames=frames,
@@ -104,8 +104,8 @@ def report_tracks(
     return tracks
 
 
-def _if_certain(diameter: Estimate | Failure) -> Estimate | Failure:
-    return if_certain(diameter) if isinstance(diameter, Estimate) else diameter
+def _if_certain(diameter: Estimate | Failure, name: str) -> Estimate | Failure:
+    return if_certain(diameter, name) if isinstance(diameter, Estimate) else diameter
 
 
 def _warnings(stems: StemMap, row: int) -> tuple[str, ...]:

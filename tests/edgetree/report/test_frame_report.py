@@ -342,6 +342,13 @@ def test_a_reason_is_said_once_with_all_that_it_leaves_out(tmp_path: Path) -> No
     assert [row for row in rows if row[-1] == "plants"] == [["2", "DBH, cut height", "plants"]]
 
 
+def test_a_tree_counts_once_for_reasons_that_differ_in_numbers_only(tmp_path: Path) -> None:
+    tree = replace(MEASURED, dbh_m=Failure("bad by 2 cm"), cut_height_m=Failure("bad by 4 cm"))
+    page = written(tmp_path / "r.html", result("a", tree))
+    rows = [[cell.text for cell in row] for row in page.rows]
+    assert ["1", "DBH, cut height", "bad by 2 to 4 cm"] in rows
+
+
 def test_reasons_that_differ_in_numbers_only_are_one_with_their_range(tmp_path: Path) -> None:
     found = [
         replace(MEASURED, dbh_m=Failure(f"the stem ends at {top} m: expected 1.3 m"))
