@@ -56,6 +56,8 @@ def bench(
 
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
+    from basetree.errors import InputError
+    from basetree.files.places import check_folders
     from basetree.files.writing import check_paths
     from edgetree.bench.text_table import text_lines
 
@@ -63,13 +65,16 @@ def bench(
         {f"--{name}": path for name, path in asdict(files).items()},
         {"--frames": measure.frames, "--data": data},
     )
+    check_folders(asdict(files).values())
+    if data is not None and not data.exists():
+        raise InputError(f"--data is {data}: no such folder, expected a dataset")
     chosen = _chosen(models_given or [], networks, measure.provider)
     settings = _settings(measure)
     variants, network_of = _variants(chosen, measure)
     left_out, frames = _look_at_frames(measure, variants[0].path)
     result = _result(variants, network_of, settings, data, frames)
-    _write(result, files)
     print_found(as_json, lambda: result, lambda: text_lines(result))
+    _write(result, files)
     left_out.check_none(frames)
 
 

@@ -119,7 +119,6 @@ def if_certain(diameter: Estimate, name: str = "diameter") -> Estimate | Failure
     """The diameter, or a failure if its relative standard deviation is too large."""
     if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
         return Failure(
-            f"the {name} is too uncertain:"
-            f" {100 * diameter.value:.1f} ± {100 * diameter.std:.1f} cm"
+            f"the {name} is too uncertain: {100 * diameter.value:.1f} ± {100 * diameter.std:.1f} cm"
         )
     return diameter

@@ -113,13 +113,13 @@ def show(
     for dataset in datasets:
         for line in dataset.notes:
             note(f"{dataset.labels.split}: {line}")
+    chosen = choose_frames(datasets, pages * per_page, seed)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SettingsError(
             f"--out {out}: cannot be created ({error.strerror}), expected a writable folder"
         ) from None
-    chosen = choose_frames(datasets, pages * per_page, seed)
     for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
         path = out / f"page_{number:03d}.jpg"
         write_image(path, page, [cv2.IMWRITE_JPEG_QUALITY, 90])

@@ -89,7 +89,10 @@ class PictureOptions:
         if self.camera is not None:
             intrinsics = calib.load_camera(self.camera)
         if self.width is not None or self.height is not None:
-            size = self.width or intrinsics.width, self.height or intrinsics.height
+            size = (
+                intrinsics.width if self.width is None else self.width,
+                intrinsics.height if self.height is None else self.height,
+            )
             intrinsics = intrinsics.scaled(*size) if self.camera else ideal_camera(*size)
         labels, views = settings.labels, self.views
         return replace(

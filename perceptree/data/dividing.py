@@ -48,10 +48,11 @@ def divide(
         Frames of each split with a share over 0, in their order.
 
     Raises:
-        SettingsError: If a share or `by` is wrong.
+        SettingsError: If a share, `by` or the seed is wrong.
         DatasetError: If there are fewer groups than splits.
     """
     _check(shares, by)
+    check_seed(seed)
     wanted = {"train": 1.0 - sum(shares.values()), **shares}
     wanted = {split: share for split, share in wanted.items() if share > 0}
     group_of = _groups(frames, by, progress)
@@ -67,6 +68,12 @@ def divide(
     for frame, group in zip(frames, group_of, strict=True):
         found[split_of[group]].append(frame)
     return found
+
+
+def check_seed(seed: int) -> None:
+    """Raise SettingsError for a seed below 0."""
+    if seed < 0:
+        raise SettingsError(f"--seed is {seed}: expected at least 0")
 
 
 def _check(shares: Mapping[str, float], by: str) -> None:

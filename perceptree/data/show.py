@@ -10,6 +10,7 @@ import numpy as np
 from basetree.counts import counted
 from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset
+from perceptree.data.dividing import check_seed
 from perceptree.data.frames import read_frame
 from perceptree.drawing import PAPER, Picture, draw_trees, grid, keypoint_legend, with_caption
 from perceptree.keypoints import KEYPOINT_NAMES
@@ -29,7 +30,11 @@ def choose_frames(
 
     Returns:
         (split, frame) of each chosen frame.
+
+    Raises:
+        SettingsError: The seed is below 0.
     """
+    check_seed(seed)
     rng = np.random.default_rng(seed)
     drawn = [rng.permutation(len(dataset.frames))[:count] for dataset in datasets]
     turns = [

@@ -86,6 +86,10 @@ _LIGHT_LEVELS = (3, 4, 5)
 _LIGHT_ANCHOR_PX = 5.0
 
 
+def _given(value: int | None, default: int) -> int:
+    return default if value is None else value
+
+
 def make_spec(
     preset: str,
     modality: Modality = "rgb",
@@ -117,7 +121,7 @@ def make_spec(
         raise SpecError(f"model is {preset} for both: expected one of: {', '.join(EDGE_PRESETS)}")
     if preset in PAPER_PRESETS:
         values = _PAPER | PAPER_PRESETS[preset]
-        height, width = height or 720, width or 1280
+        height, width = _given(height, 720), _given(width, 1280)
         std = UNIT_STD if values.get("stride_in_1x1") else IMAGENET_STD
         values |= {"mean": IMAGENET_MEAN, "std": std}
     elif preset in EDGE_PRESETS:
@@ -125,7 +129,7 @@ def make_spec(
         if modality == "rgb":
             values["backbone"] = _RGB_BACKBONES.get(preset, values["backbone"])
         size = values.pop("height", 384), values.pop("width", 640)
-        height, width = height or size[0], width or size[1]
+        height, width = _given(height, size[0]), _given(width, size[1])
         levels = (values | changes).get("levels", _LIGHT_LEVELS)
         # One sample halves the time of pooling, and costs no accuracy once trained with.
         values.setdefault("roi_samples", 1)

@@ -198,7 +198,10 @@ class TableSettings:
         start = self.start(model)
         if isinstance(start, Path):
             own = load_checkpoint(start)[0].spec
-            changes |= {"height": self.height or own.height, "width": self.width or own.width}
+            changes |= {
+                "height": own.height if self.height is None else self.height,
+                "width": own.width if self.width is None else self.width,
+            }
             if (own.backbone, own.modality) != (named.backbone, named.modality):
                 raise SettingsError(
                     f"{start}: holds {own.backbone} for {own.modality}, expected"

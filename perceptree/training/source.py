@@ -210,6 +210,8 @@ def _open_cache(
     cache = open_cache(train.frames, spec, folder, engine.skip_broken, preparing.cached)
     if cache.skipped:
         first = "; ".join(entry.reason for entry in cache.skipped[:_NAMES_SHOWN])
+        if not len(cache):
+            raise DatasetError(f"{train.labels.path}: all frames are broken: {first}")
         preparing.say(f"left out {len(cache.skipped)} broken frames: {first}")
     return cache
 

@@ -81,6 +81,10 @@ def _read_task(task: Task, path: Path, shapes: Shapes) -> bool:
     if len(sizes) > 1:
         raise DatasetError(f"{path}: {what} gives its picture two sizes, expected one")
     wide, high = sizes.pop() if sizes else (None, None)
+    if wide is None and any(one.get("type") in _KINDS for one in results):
+        raise DatasetError(
+            f"{path}: {what} has shapes without original_width and original_height, expected both"
+        )
     shapes.add_picture(_picture(task, path, what), wide, high)
     parents = _parents(results)
     for one in results:

@@ -32,7 +32,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
         Messages for the user about what the form cannot hold.
     """
     places = Places(out, [frame for frames in splits.values() for frame in frames])
-    ignored, without, several = 0, 0, 0
+    ignored, without, several, unheld, with_metres = 0, 0, 0, 0, 0
     for split, frames in splits.items():
         folder = split or _FOLDER_OF_NONE
         for frame in frames:
@@ -43,13 +43,22 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
             lines = [line for tree in counted if (line := row(tree))]
             without += len(counted) - len(lines)
             several += 0 if keypoints else sum(len(outlines(frame, tree)) > 1 for tree in counted)
+            held = [
+                tree.segmentation is not None if keypoints else tree.keypoints.any()
+                for tree in counted
+            ]
+            unheld += sum(map(bool, held))
+            with_metres += frame.depth_path is not None or any(tree.truth for tree in counted)
             path = out / "labels" / folder / f"{places.stem(frame)}.txt"
             path.parent.mkdir(parents=True, exist_ok=True)
             write_text(path, "".join(f"{line}\n" for line in lines))
     write_text(out / "data.yaml", "\n".join(_settings(splits, keypoints)) + "\n")
+    lost = "masks" if keypoints else "keypoints"
     messages = {
         "left out: {} ignored regions; a YOLO label file has none, they become background": ignored,
         "left out: {} trees without a mask": without,
+        f"left out: the {lost} of {{}} trees, for which this form has no place": unheld,
+        "left out: depth and metric values of {} frames, for which YOLO has no place": with_metres,
         "{} masks of several parts are joined to one outline by lines without width": several,
     }
     return [text.format(count) for text, count in messages.items() if count]

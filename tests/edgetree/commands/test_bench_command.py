@@ -76,6 +76,8 @@ def test_without_torch_the_packaged_files_of_a_network_are_measured(
         (("--size", "640x384"), "--size given without --backbones: expected both"),
         (("--backbones", "r50", "--size", "640"), "--size is '640': expected WIDTHxHEIGHT in px"),
         (("no-such-model",), "no model is called 'no-such-model'"),
+        (("--out", "none/r.json"), "none/r.json cannot be written"),
+        (("--data", "none"), "--data is none: no such folder, expected a dataset"),
     ],
 )
 def test_wrong_options_are_one_line(run_cli: Any, options: tuple[str, ...], problem: str) -> None:

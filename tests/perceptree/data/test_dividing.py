@@ -82,6 +82,8 @@ def test_wrong_shares_and_too_few_groups(pictures: list[Path]) -> None:
             divide(frames, shares)
     with pytest.raises(SettingsError, match="--by is 'tree'"):
         divide(frames, SHARES, "tree")
+    with pytest.raises(SettingsError, match="--seed is -1: expected at least 0"):
+        divide(frames, SHARES, seed=-1)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import base64
 import itertools
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -239,6 +240,27 @@ def test_label_studio(tmp_path: Path, kind: str) -> None:
     frame = only_frame(tmp_path)
     check_tree(frame, keypoints=False, mask=kind != "rectangle")
     np.testing.assert_allclose(frame.trees[0].keypoints[:, :2], list(POINTS.values()), atol=1e-6)
+
+
+def test_label_studio_shapes_need_the_size_of_their_picture(tmp_path: Path, call: Call) -> None:
+    value = {"points": [[10, 10], [20, 10], [20, 60]], "polygonlabels": ["tree"]}
+    region = label_studio_result("polygonlabels", "r", **value)
+    del region["original_width"], region["original_height"]
+    label_studio_file(tmp_path / "in" / "project-1.json", [region])
+    code, _, errors = call("data", "convert", tmp_path / "in", "--out", tmp_path / "out")
+    assert code == 2
+    assert "has shapes without original_width and original_height, expected both" in errors
+
+
+@pytest.mark.parametrize(("form", "lost"), [("yolo-pose", "masks"), ("yolo-seg", "keypoints")])
+def test_what_a_yolo_form_cannot_hold_is_told(
+    write_dataset: Callable[..., Path], tmp_path: Path, call: Call, form: str, lost: str
+) -> None:
+    source = write_dataset(train=2, val=1, test=1)
+    code, _, errors = call("data", "convert", source, "--out", tmp_path / "out", "--to", form)
+    assert code == 0, errors
+    assert re.search(rf"left out: the {lost} of \d+ trees, for which this form has no", errors)
+    assert "left out: depth and metric values of 4 frames" in errors
 
 
 @pytest.mark.parametrize("form", WRITTEN_FORMS)

@@ -179,3 +179,9 @@ def test_a_folder_that_cannot_be_written_is_named(checkpoint: Path, tmp_path: Pa
     (tmp_path / "file").write_text("")
     with pytest.raises(CheckpointError, match="cannot be written"):
         save_checkpoint(tmp_path / "file" / "model.safetensors", model, {})
+
+
+@pytest.mark.parametrize("preset", ["edge-n", "r50"])
+def test_a_size_of_nothing_is_not_the_presets(preset: str) -> None:
+    with pytest.raises(SpecError, match="the input is 0x640"):
+        make_spec(preset, "rgb", 0, 640)
