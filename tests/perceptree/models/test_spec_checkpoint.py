@@ -10,6 +10,7 @@ from basetree.errors import InputError
 from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 from perceptree.models.presets import NINE_ANCHORS_PX
+from perceptree.models.spec import SpecError
 
 
 @pytest.fixture(scope="module")
