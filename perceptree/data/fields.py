@@ -12,6 +12,7 @@ _FILE_FIELDS = ("file_name", "depth_file", "depth8_file", EXACT_FIELD)
 _STRIDE_FIELD = "depth_exact_stride_px"
 _FLAGS = frozenset((0, 1, 2))
 _IN_ORDER = tuple(range(len(KEYPOINT_NAMES)))
+_MOST_PX = 1_000_000_000  # a sum of two still is a number of 32 bits
 _NOTHING = [0.0] * (3 * len(KEYPOINT_NAMES))
 
 
@@ -55,9 +56,11 @@ def has_area(annotation: Entry) -> bool:
     """Whether an annotation's box has a width and a height over 0.
 
     Raises:
-        EntryError: If the box is not four finite numbers.
+        EntryError: If the box is not four numbers of pixels.
     """
-    x, y, width, height = numbers(annotation, "bbox", 4)
+    x, y, width, height = box = numbers(annotation, "bbox", 4)
+    if max(map(abs, box)) > _MOST_PX:
+        refuse(annotation, "annotation", "bbox", f"pixels, up to {_MOST_PX}")
     return x + width > x and y + height > y
 
 
@@ -70,6 +73,8 @@ def keypoints_of(annotation: Entry, keypoints: KeypointMap) -> list[float]:
     if not annotation.get("keypoints"):
         return _NOTHING
     listed = numbers(annotation, "keypoints", 3 * keypoints.count)
+    if listed and max(map(abs, listed)) > _MOST_PX:
+        refuse(annotation, "annotation", "keypoints", f"pixels, up to {_MOST_PX}")
     if not _FLAGS.issuperset(listed[2::3]):
         refuse(annotation, "annotation", "keypoints", "flags of 0, 1 or 2")
     if keypoints.indices is None:

@@ -17,6 +17,8 @@ _MOST_STEPS = 10**12
 class RunLog:
     """Appends entries of nested numbers to both logs of a run.
 
+    What a killed run has left of its last line is cut off.
+
     Args:
         out: Folder of the run.
         first_step: Step at which the run starts or resumes.
@@ -26,6 +28,7 @@ class RunLog:
         from torch.utils.tensorboard import SummaryWriter
 
         self._path = out / LOG_NAME
+        _cut_incomplete_line(self._path)
         # A resumed run logs the steps after its last saved state again.
         self._events = SummaryWriter(str(out / EVENTS_NAME), purge_step=first_step + 1)
 
@@ -50,6 +53,16 @@ class RunLog:
     def close(self) -> None:
         """Close the event file."""
         self._events.close()
+
+
+def _cut_incomplete_line(path: Path) -> None:
+    try:
+        with path.open("rb+") as log:
+            log.truncate(log.read().rfind(b"\n") + 1)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be written ({error.strerror})") from error
 
 
 def read_log(out: Path) -> list[dict[str, Any]]:

@@ -27,6 +27,9 @@ SETTINGS_NAMES = ("data.yaml", "dataset.yaml", "data.yml", "dataset.yml")
 _NAMES_FILES = ("classes.txt", "obj.names")
 _TURNED_BY_A_QUARTER = 5  # and more: EXIF orientations that change width and height
 _VISIBLE = 2
+_NAMES_SHOWN = 10
+# Coordinates are shares from 0 to 1; some trainers write a little more at the border.
+_SHARES = (-1.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,9 @@ def _splits(settings: dict[str, Any], path: Path) -> dict[str | None, list[Path]
         if key not in SPLIT_WORDS or not value or not all(isinstance(one, str) for one in listed):
             continue
         found[SPLIT_WORDS[key]] = [_place(one, str(top), key, path) for one in listed]
+    if "test" not in found and found.get("train") == found.get("val"):
+        # Trainers demand both, so a set without splits is named twice.
+        return {None: found["train"]} if found else {}
     return {split: found[split] for split in SPLITS if split in found}
 
 
@@ -232,6 +238,18 @@ def _labels_of(picture: Path) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
+def _class_name(value: float, names: dict[int, str], where: tuple[Path, int]) -> str:
+    """The name of a class; without names all are trees."""
+    if not names:
+        return "tree"
+    if value not in names:
+        raise DatasetError(
+            f"{where[0]}: line {where[1]} is of class {value:g}, expected one of names:"
+            f" {', '.join(map(str, sorted(names)[:_NAMES_SHOWN]))}"
+        )
+    return names[int(value)]
+
+
 def _add_line(
     line: list[str],
     size: tuple[int, int],
@@ -242,10 +260,17 @@ def _add_line(
     labels, place = where
     what = f"a number in line {place}"
     values = [number(value, labels, what) for value in line]
-    label = settings.names.get(int(values[0]), "tree" if not settings.names else str(values[0]))
+    label = _class_name(values[0], settings.names, where)
     shares, (count, each) = values[1:], settings.keypoints
     keys = [place]
-    if len(shares) == 4 or (count and len(shares) == 4 + count * each):
+    is_box = len(shares) == 4 or bool(count and len(shares) == 4 + count * each)
+    for share in shares[:4] if is_box else shares:
+        if not _SHARES[0] <= share <= _SHARES[1]:
+            raise DatasetError(
+                f"{labels}: line {place} has the coordinate {share:g}, expected shares of the"
+                " picture's size, 0 to 1"
+            )
+    if is_box:
         x, y, wide, high = (share * size[axis % 2] for axis, share in enumerate(shares[:4]))
         shapes.add_region(label, {"bbox": [x - wide / 2, y - high / 2, wide, high]}, keys)
         for index, name in enumerate(settings.keypoint_names if len(shares) > 4 else ()):

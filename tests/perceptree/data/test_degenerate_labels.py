@@ -9,6 +9,7 @@ import pytest
 from perceptree.data import read_dataset
 from perceptree.data.check import Check
 from perceptree.data.tally import LEFT_OUT
+from perceptree.errors import DatasetError
 
 Content = dict[str, Any]
 Edit = Callable[[Path, str, Callable[[Content], None]], None]
@@ -102,3 +103,15 @@ def test_broken_entries_refuse_a_training_unless_they_are_skipped(
     code, _, errors = call(*arguments, *size, "--skip-broken")
     assert code == 0
     assert "left out 1 broken entries: bbox of annotation 9 is [1, 2]" in errors
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [("bbox", [1, 2, 1e300, 1e300]), ("keypoints", [1e12, 2, 2] + [5, 5, 2] * 4)],
+)
+def test_numbers_that_are_no_pixels_are_a_broken_entry(
+    posts: Path, edit_split: Edit, field: str, values: list[float]
+) -> None:
+    change_last(edit_split, posts, **{field: values})
+    with pytest.raises(DatasetError, match=f"{field} of annotation 9 .* pixels, up to 1000000000"):
+        read_dataset(posts, "train")

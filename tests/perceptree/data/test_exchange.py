@@ -127,6 +127,28 @@ def labelme_points() -> list[dict[str, Any]]:
     ]
 
 
+@pytest.mark.parametrize("number", ["1", "-1", "0.5"])
+def test_yolo_classes_without_a_name_are_refused(tmp_path: Path, call: Call, number: str) -> None:
+    folder = tmp_path / "yolo"
+    picture(folder / "images/a.jpg")
+    (folder / "labels").mkdir()
+    (folder / "labels/a.txt").write_text(f"{number} 0.5 0.5 0.2 0.2")
+    (folder / "data.yaml").write_text("train: images\nnames: [tree]")
+    code, _, errors = call("data", "convert", folder, "--out", tmp_path / "out")
+    assert code == 2
+    assert f"a.txt: line 1 is of class {number}, expected one of names: 0" in errors
+
+
+def test_an_undivided_set_stays_undivided_in_yolo(
+    write_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    frames = read_dataset(write_dataset(train=3, val=1, test=1), "train").frames
+    write_anew(tmp_path / "out", {None: frames}, "yolo-seg")
+    ((split, dataset),) = read_any(tmp_path / "out")
+    assert split is None
+    assert len(dataset.frames) == 3
+
+
 def test_labelme_polygon_and_points_without_a_group(tmp_path: Path) -> None:
     corners = np.reshape(SQUARE, (-1, 2)).tolist()
     far = labelme_shape("tree", "rectangle", [[60, 10], [75, 50]])
@@ -300,6 +322,7 @@ def test_what_is_written_is_read_again(
         ("data.yaml", "kpt_shape: [5, 4]\ntrain: images", "expected the number of keypoints"),
         ("labels/a.txt", "0 0.5 0.5", "line 1 has 3 numbers"),
         ("labels/a.txt", "0 0.5 0.5 0.5 x", "is 'x', expected a finite number"),
+        ("labels/a.txt", "0 30 20 10 10", "line 1 has the coordinate 30, expected shares"),
         ("a.xml", "<annotations><image", "not readable XML"),
         ("a.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]><annotations/>", "declares entities"),
         ("a.json", '{"shapes": [{"points": 3}], "imagePath": "a.jpg"}', "no list of x and y"),

@@ -13,7 +13,7 @@ import perceptree.training.trainer
 from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics
 from perceptree.training import Engine, Status, train
-from perceptree.training.run_log import read_log
+from perceptree.training.run_log import LOG_NAME, RunLog, read_log
 
 Make = Callable[..., Any]
 
@@ -126,3 +126,11 @@ def test_the_state_is_saved_by_the_clock(
         assert (out / "state.pt").exists() == saved
         if saved:
             assert torch.load(out / "state.pt")["step"] == 2
+
+
+def test_a_line_that_was_cut_off_does_not_hide_the_next(tmp_path: Path) -> None:
+    (tmp_path / LOG_NAME).write_text('{"step": 50}\n{"step": 1')
+    log = RunLog(tmp_path, first_step=50)
+    log.write({"step": 60, "loss": 1.0})
+    log.close()
+    assert [entry["step"] for entry in read_log(tmp_path)] == [50, 60]
