@@ -159,6 +159,14 @@ def _about(manifest: Manifest, about: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def check_dataset(data: Path, split: str) -> None:
+    """Raise what `evaluate_file` would for a split that is missing or broken."""
+    _need_training_setup()
+    from perceptree.data import read_dataset
+
+    read_dataset(data, split)
+
+
 def _need_training_setup() -> None:
     try:
         import perceptree.evaluation  # noqa: F401

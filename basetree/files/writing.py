@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from basetree.errors import InputError, InputFileError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 
-_NOT_REGULAR = "not a regular file"
+NOT_REGULAR = "not a regular file"
 _TEMPORARY = re.compile(r"\.calib-[0-9a-f]{16}\.part")
 
 
@@ -59,7 +59,7 @@ def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
     """
     with errors_naming(path):
         if (path.exists() and not path.is_file()) or is_stream(path):
-            raise OSError(errno.EINVAL, _NOT_REGULAR)
+            raise OSError(errno.EINVAL, NOT_REGULAR)
         _remove_leftovers_once(os.path.realpath(path.parent))
         temporary, descriptor = _new_file(path.parent, mode)
     stream = io.BufferedWriter(_OutputFile(descriptor, path))
@@ -135,7 +135,7 @@ def replacing_named(path: Path) -> Iterator[Path]:
     """
     with errors_naming(path):
         if (path.exists() and not path.is_file()) or is_stream(path):
-            raise OSError(errno.EINVAL, _NOT_REGULAR)
+            raise OSError(errno.EINVAL, NOT_REGULAR)
         _remove_leftovers_once(os.path.realpath(path.parent))
         folder, lock = _new_folder(path.parent)
     try:
@@ -309,7 +309,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 def _unwritable(path: Path, number: int, reason: str) -> UnwritableFile:
     message = (
         f"{path} is a folder: expected the name of a file to write"
-        if reason == _NOT_REGULAR and path.is_dir()
+        if reason == NOT_REGULAR and path.is_dir()
         else f"{path} cannot be written ({reason}): expected a file in an existing, writable"
         " folder with space for it"
     )

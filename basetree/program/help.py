@@ -84,7 +84,18 @@ def new_app(about: str, name: str | None = None) -> App:
 
 
 class _Help:
-    """What commands and groups have in common."""
+    """What commands and groups have in common. Each of their options may be given once."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not ctx.resilient_parsing:
+            parser = self.make_parser(ctx)  # type: ignore[attr-defined]
+            _, _, given = parser.parse_args(args=list(args))
+            asks_for_help = any("--help" in param.opts for param in given)
+            for param in () if asks_for_help else given:
+                if _takes_one(param) and given.count(param) > 1:
+                    ctx.fail(f"{max(param.opts, key=len)} is given twice: expected once")
+        rest: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        return rest
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         pieces = ["[OPTIONS]"]
@@ -115,15 +126,7 @@ class _Help:
 
 
 class _Command(_Help, TyperCommand):
-    """A command, each of whose options may be given once."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        if not ctx.resilient_parsing:
-            _, _, given = self.make_parser(ctx).parse_args(args=list(args))
-            for param in given:
-                if _takes_one(param) and given.count(param) > 1:
-                    ctx.fail(f"{max(param.opts, key=len)} is given twice: expected once")
-        return super().parse_args(ctx, args)
+    """A command."""
 
 
 class _Group(_Help, TyperGroup):

@@ -68,8 +68,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         fault = _fault(stdout)
         if fault is not None and code == 0:
             code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
-        if code != _BAD_INPUT:  # an error is the only line
-            note_remarks()
+        note_remarks()
         if TALK.verbose:
             note(f"{name}: exit code {code} after {duration(time.monotonic() - start_s)}")
         end_talk()

@@ -120,7 +120,7 @@ def _power_text(power: Power) -> str:
         f"with {counted(power.stems, 'stem')}, a bias of {SMALL_BIAS * 100:g} % would be seen in"
         f" {power.small_bias * 100:.0f} of 100 cases"
     )
-    if power.small_bias >= WANTED_POWER:
+    if power.small_bias >= WANTED_POWER or power.stems < 2:
         return seen
     return f"{seen}; {WANTED_POWER * 100:g} need {power.needed_small} stems"
 

@@ -77,7 +77,7 @@ class Power:
         small_bias: How often a bias of `SMALL_BIAS` would be found, 0 to 1.
         large_bias: How often one of `LARGE_BIAS` would be found.
         half_stated: How often stated errors of half the true ones would be found.
-        needed_small: Stems with which `small_bias` would be `WANTED_POWER`.
+        needed_small: Stems with which `small_bias` would be `WANTED_POWER`; one stem does not tell.
         needed: Stems with which the other two would be.
     """
 

@@ -56,7 +56,6 @@ def bench(
 
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
-    from basetree.errors import InputError
     from basetree.files.places import check_folders
     from basetree.files.writing import check_paths
     from edgetree.bench.text_table import text_lines
@@ -66,8 +65,10 @@ def bench(
         {"--frames": measure.frames, "--data": data},
     )
     check_folders(asdict(files).values())
-    if data is not None and not data.exists():
-        raise InputError(f"--data is {data}: no such folder, expected a dataset")
+    if data is not None:
+        from edgetree.evaluate import check_dataset
+
+        check_dataset(data, _SPLIT)
     chosen = _chosen(models_given or [], networks, measure.provider)
     settings = _settings(measure)
     variants, network_of = _variants(chosen, measure)

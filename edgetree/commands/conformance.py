@@ -95,8 +95,10 @@ def run(
     rounds: Annotated[int, typer.Option(min=0, help="Passes over the frames that are timed.")] = 0,
 ) -> None:
     """Find a kit's trees with this package, as on another processor or provider."""
+    from basetree.files.places import check_folders
     from edgetree.conformance import run_kit, write_results
 
+    check_folders([out])
     results = run_kit(kit, provider=provider, threads=threads, rounds=rounds)
     write_results(out, results)
     note(f"next: edgetree conformance check {kit} {out}", whole=True)

@@ -116,7 +116,7 @@ def live(
     model, rig, settings, pair = checked_set_up(
         source, model_options.model, metres, source_options, outputs, mqtt, record_options
     )
-    check_folders((outputs.jsonl, outputs.csv, outputs.map, outputs.report))
+    check_folders((outputs.jsonl, outputs.csv, outputs.map, outputs.report), [outputs.bag])
     style = csv_options.style(outputs.csv)
     page_options.check_service(source)
     tracker = metres.tracker()

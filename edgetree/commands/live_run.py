@@ -133,7 +133,9 @@ class LiveRun:
             )
 
     def tell_files(self) -> None:
-        """Say where the results are."""
+        """Say where the results are; files are opened with the first one."""
+        if not self._writes:
+            return
         for option, path in self.outputs.paths.items():
             if path.exists():
                 note(f"{'table' if option == '--csv' else option.removeprefix('--')}: {path}")

@@ -109,7 +109,8 @@ def _without_specks(path: Path, number: int, mask: NDArray[np.bool_]) -> NDArray
     parts = mask_parts(mask)
     if parts.specks:
         _log.warning(
-            "mask %s: %s of value %d beside the stem, %d of %d px, %s left out",
+            "mask %s: %s of value %d beside the stem, %d of %d px, %s left out; another tree"
+            " needs a number of its own",
             path,
             counted(parts.specks, "small part"),
             number,

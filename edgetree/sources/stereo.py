@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -33,14 +34,36 @@ _CORRELATION_PX: Final = 8.0
 """Readings nearer than this share their error. Source: bound, the blocks have 7 px."""
 
 _LEAST_MATCHED: Final = 0.03
-"""Pictures of a pair that match at a smaller share of their pixels are no pair. Source: chosen by
-hand; pairs match at a third of their pixels and more, swapped ones at up to 2.6 %."""
+"""Pictures that match at a smaller share of their pixels are told. Source: chosen by hand; pairs
+match at a third of their pixels and more, swapped ones at up to 2.6 %."""
 
 _LEAST_NOISE_M: Final = 0.001
 _DEFAULT_PERIOD_NS: Final = 1_000_000_000 // 30
 
+_EXPECTED_PAIR: Final = (
+    "expected two pictures of the same moment, left and right in their order, and their calibration"
+)
+
 RIGHT_TOPIC: Final = "right"
 """The role of the right camera's topic in a recording."""
+
+
+@lru_cache(maxsize=64)
+def _tell_few_matches(pictures: str) -> None:
+    """Say it once for the pictures of a folder, a video or a recording."""
+    _log.warning(
+        "%s: left and right pictures match at less than %g %% of their pixels, as dark or foggy"
+        " ones do: %s",
+        *(pictures, 100 * _LEAST_MATCHED, _EXPECTED_PAIR),
+        extra={"is_remark": True},
+    )
+
+
+def _pictures_of(frame: Frame) -> str:
+    """The folder, video or recording of a frame."""
+    if frame.path is None:
+        return "the cameras"
+    return str(frame.path.parent if frame.number is None else frame.path)
 
 
 def stereo_noise(found: StereoDepth, rectified: Rectified) -> DepthNoise:
@@ -244,12 +267,10 @@ def stereo_frame(left: Frame, right: NDArray[np.uint8], pair: StereoPair, rig: R
     if rig.depth_calibration is not None:
         depth_m = rig.depth_calibration.apply(depth_m)
     fault, matched = None, np.count_nonzero(depth_m > 0) / depth_m.size
-    if matched < _LEAST_MATCHED:
-        where = f"only at {100 * matched:.1g} % of the pixels" if matched else "nowhere"
-        fault = (
-            f"{left.where}: left and right picture match {where}: expected two pictures of the"
-            " same moment, left and right in their order, and their calibration"
-        )
+    if not matched:
+        fault = f"{left.where}: left and right picture match nowhere: {_EXPECTED_PAIR}"
+    elif matched < _LEAST_MATCHED:
+        _tell_few_matches(_pictures_of(left))
     up, pose = left.up_camera, left.pose
     if pose is not None:
         pose = calib.RigidTransform(pose.rotation @ rectified.rotation.T, pose.translation_m)

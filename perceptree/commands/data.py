@@ -135,12 +135,14 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare real with simulated images: colour, contrast, sharpness, edges, texture."""
+    from basetree.files.places import check_folders
     from basetree.files.writing import write_text
     from perceptree.data.likeness import compare_pictures, find_pictures
     from perceptree.data.likeness_page import likeness_page
 
     if most < 1:
         raise SettingsError(f"--most is {most}: expected at least 1")
+    check_folders([out])
     taken, drawn = (find_pictures(folder, most) for folder in (real, simulated))
     with progress("comparing", len(taken) + len(drawn), shown=not as_json) as bar:
         comparison = compare_pictures(taken, drawn, bar.update)

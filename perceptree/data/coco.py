@@ -75,6 +75,11 @@ class FrameRecord:
     exact_path: Path | None = None
     exact_stride_px: int = 1
 
+    @property
+    def has_depth(self) -> bool:
+        """Whether there is a depth image of any kind."""
+        return any((self.depth_path, self.depth8_path, self.exact_path))
+
     def reads_exact(self, modality: str) -> bool:
         """Whether a model of `modality` reads the exact depth; see `with_exact_depth`."""
         exact = self.exact_path

@@ -28,7 +28,7 @@ class RunLog:
         from torch.utils.tensorboard import SummaryWriter
 
         self._path = out / LOG_NAME
-        _cut_incomplete_line(self._path)
+        _end_last_line(self._path)
         # A resumed run logs the steps after its last saved state again.
         self._events = SummaryWriter(str(out / EVENTS_NAME), purge_step=first_step + 1)
 
@@ -55,10 +55,16 @@ class RunLog:
         self._events.close()
 
 
-def _cut_incomplete_line(path: Path) -> None:
+def _end_last_line(path: Path) -> None:
+    """Cut off a last line that is no whole entry, and end one that is."""
     try:
         with path.open("rb+") as log:
-            log.truncate(log.read().rfind(b"\n") + 1)
+            data = log.read()
+            start = data.rfind(b"\n") + 1
+            if data[start:].endswith(b"}") and data.count(b"{") == data.count(b"}"):
+                log.write(b"\n")
+            else:
+                log.truncate(start)
     except FileNotFoundError:
         return
     except OSError as error:

@@ -42,7 +42,7 @@ def write_labelme(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]])
                 "imageHeight": frame.height,
                 "imageWidth": frame.width,
             }
-            measured += any(tree.truth for tree in frame.trees)
+            measured += frame.has_depth or any(tree.truth for tree in frame.trees)
             path = out.joinpath(*folders, f"{places.stem(frame)}.json")
             write_text(path, json.dumps(content, indent=2))
     lost = "left out: depth pictures and metric values of {} frames, for which labelme has no place"

@@ -12,10 +12,10 @@ from basetree.files.writing import write_text
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.exchange.outlines import joined, outlines
 from perceptree.data.exchange.places import Places
+from perceptree.data.exchange.yolo import FOLDER_OF_NONE
 from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
 
 _DIGITS = 6
-_FOLDER_OF_NONE = "all"
 
 Splits = Mapping[str | None, Sequence[FrameRecord]]
 
@@ -34,7 +34,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
     places = Places(out, [frame for frames in splits.values() for frame in frames])
     ignored, without, several, unheld, with_metres = 0, 0, 0, 0, 0
     for split, frames in splits.items():
-        folder = split or _FOLDER_OF_NONE
+        folder = split or FOLDER_OF_NONE
         for frame in frames:
             places.copy(frame.image_path, "images", folder)
             counted = [tree for tree in frame.trees if not tree.ignored]
@@ -48,7 +48,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
                 for tree in counted
             ]
             unheld += sum(map(bool, held))
-            with_metres += frame.depth_path is not None or any(tree.truth for tree in counted)
+            with_metres += frame.has_depth or any(tree.truth for tree in counted)
             path = out / "labels" / folder / f"{places.stem(frame)}.txt"
             path.parent.mkdir(parents=True, exist_ok=True)
             write_text(path, "".join(f"{line}\n" for line in lines))
@@ -66,7 +66,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
 
 def _settings(splits: Splits, keypoints: bool) -> Iterator[str]:
     for split in splits:
-        yield f"{split or 'train'}: images/{split or _FOLDER_OF_NONE}"
+        yield f"{split or 'train'}: images/{split or FOLDER_OF_NONE}"
     if "val" not in splits:  # which those trainers demand
         yield f"val: images/{'train' if 'train' in splits else next(iter(splits)) or 'all'}"
     yield "names:"

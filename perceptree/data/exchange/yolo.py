@@ -6,6 +6,7 @@ polygon (6 and more), or a box and keypoints, whose number and size `kpt_shape` 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,10 +25,11 @@ from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
 SETTINGS_NAMES = ("data.yaml", "dataset.yaml", "data.yml", "dataset.yml")
+FOLDER_OF_NONE = "all"
+"""Folder of the pictures of a set without splits, as `write_yolo` names it."""
 _NAMES_FILES = ("classes.txt", "obj.names")
 _TURNED_BY_A_QUARTER = 5  # and more: EXIF orientations that change width and height
 _VISIBLE = 2
-_NAMES_SHOWN = 10
 # Coordinates are shares from 0 to 1; some trainers write a little more at the border.
 _SHARES = (-1.0, 2.0)
 
@@ -141,9 +143,12 @@ def _splits(settings: dict[str, Any], path: Path) -> dict[str | None, list[Path]
         if key not in SPLIT_WORDS or not value or not all(isinstance(one, str) for one in listed):
             continue
         found[SPLIT_WORDS[key]] = [_place(one, str(top), key, path) for one in listed]
-    if "test" not in found and found.get("train") == found.get("val"):
-        # Trainers demand both, so a set without splits is named twice.
-        return {None: found["train"]} if found else {}
+    # Trainers demand train and val, so sets without them name other pictures twice.
+    others = [places for split, places in found.items() if split != "val"]
+    if found.get("val") in others:
+        del found["val"]
+        if list(found) == ["train"] and found["train"][0].name == FOLDER_OF_NONE:
+            return {None: found["train"]}
     return {split: found[split] for split in SPLITS if split in found}
 
 
@@ -244,8 +249,8 @@ def _class_name(value: float, names: dict[int, str], where: tuple[Path, int]) ->
         return "tree"
     if value not in names:
         raise DatasetError(
-            f"{where[0]}: line {where[1]} is of class {value:g}, expected one of names:"
-            f" {', '.join(map(str, sorted(names)[:_NAMES_SHOWN]))}"
+            f"{where[0]}: line {where[1]} is of class {value:g}, expected the number of one of"
+            f" names, {min(names)} to {max(names)}"
         )
     return names[int(value)]
 
@@ -264,7 +269,8 @@ def _add_line(
     shares, (count, each) = values[1:], settings.keypoints
     keys = [place]
     is_box = len(shares) == 4 or bool(count and len(shares) == 4 + count * each)
-    for share in shares[:4] if is_box else shares:
+    points = [shares[start : start + 2] for start in range(4, len(shares), max(each, 2))]
+    for share in [*shares[:4], *itertools.chain(*points)] if is_box else shares:
         if not _SHARES[0] <= share <= _SHARES[1]:
             raise DatasetError(
                 f"{labels}: line {place} has the coordinate {share:g}, expected shares of the"

@@ -201,3 +201,4 @@ def test_one_stem_is_told_how_many_more_are_needed(run_cli: Cli, folder: Path) -
     found = re.search(r"1 stem is too few to tell: .*; measure about (\d+) stems", done.out)
     assert found, done.out
     assert 5 <= int(found[1]) <= 50
+    assert "10000" not in done.out

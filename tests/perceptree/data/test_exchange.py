@@ -136,7 +136,9 @@ def test_yolo_classes_without_a_name_are_refused(tmp_path: Path, call: Call, num
     (folder / "data.yaml").write_text("train: images\nnames: [tree]")
     code, _, errors = call("data", "convert", folder, "--out", tmp_path / "out")
     assert code == 2
-    assert f"a.txt: line 1 is of class {number}, expected one of names: 0" in errors
+    assert (
+        f"a.txt: line 1 is of class {number}, expected the number of one of names, 0 to 0" in errors
+    )
 
 
 def test_an_undivided_set_stays_undivided_in_yolo(
