@@ -77,7 +77,6 @@ def test_without_torch_the_packaged_files_of_a_network_are_measured(
         (("--backbones", "r50", "--size", "640"), "--size is '640': expected WIDTHxHEIGHT in px"),
         (("no-such-model",), "no model is called 'no-such-model'"),
         (("--out", "none/r.json"), "none/r.json cannot be written"),
-        (("--data", "none"), "none/test_RGB.json: no such file"),
     ],
 )
 def test_wrong_options_are_one_line_before_a_measurement(
@@ -88,6 +87,16 @@ def test_wrong_options_are_one_line_before_a_measurement(
     assert done.code == 2
     assert problem in done.err
     assert done.err.count("\n") == 1
+
+
+def test_labels_are_looked_at_before_a_measurement(
+    run_cli: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.setattr("edgetree.bench.rounds.measure_variants", None)
+    done = run_cli("bench", "--data", "none")
+    assert done.code == 2
+    assert "none/test_RGB.json: no such file" in done.err
 
 
 def test_accuracy_comes_from_the_card_of_the_very_file(tmp_path: Path) -> None:
