@@ -84,7 +84,7 @@ def new_app(about: str, name: str | None = None) -> App:
 
 
 class _Help:
-    """What commands and groups have in common. Each of their options may be given once."""
+    """What commands and groups have in common. Options that name a file may be given once."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not ctx.resilient_parsing:
@@ -168,8 +168,9 @@ def _metavar(kind: Any) -> str | None:
 
 
 def _takes_one(param: Any) -> bool:
-    is_option = param.param_type_name == "option"
-    return is_option and not (param.multiple or param.is_flag or param.count)
+    """Whether it is an option for a file or folder, of which a second one drops the first."""
+    kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
+    return param.param_type_name == "option" and kind is Path and not param.multiple
 
 
 def _argument(param: Any) -> str:

@@ -85,7 +85,8 @@ def test_mistakes_give_one_line_and_no_file(
     what: str,
 ) -> None:
     out = tmp_path / "new.safetensors"
-    code, _, told = call("calibrate-scores", checkpoint, posts, "--out", out, *options)
+    given = options if "--out" in options else ("--out", out, *options)
+    code, _, told = call("calibrate-scores", checkpoint, posts, *given)
     assert code == 2
     assert what in told
     assert told.count("\n") == 1
