@@ -16,7 +16,7 @@ Source: chosen by hand."""
 _BESIDE_WIDTHS: Final = 1.5
 """A part is beside the stem if its middle is so many widths of the stem from the stem's axis.
 
-Source: chosen by hand; the arms of a fork and a leaning top stay closer."""
+Source: chosen by hand. An arm of a fork that is cut off from its stem may lie further away."""
 
 _LARGE_SHARE: Final = 0.25
 """Parts beside the stem with a smaller share of the pixels of the largest part are specks.

@@ -135,7 +135,7 @@ class Rig:
         return None if self.camera is None else _of_size(self.camera, width, height)
 
     def tell_depth(self) -> None:
-        """Say once that frames with depth need nothing else that tells sizes, if it is given."""
+        """Say once that given references are not used for frames with depth, if there are any."""
         if self.references is not None and self.references.give_distances:
             _tell_own(
                 "depth, by which they are measured", "--camera-height, --marker or --scale-bar"
@@ -170,7 +170,10 @@ class Rig:
         return self.references.up_camera(camera)
 
     def _known_vertical(self, frame: Frame) -> NDArray[np.float64] | None:
-        """(3,) the vertical of a frame: its own, or that given; says once that its own counts."""
+        """(3,) the vertical of a frame: its own, or else the given one.
+
+        If both are there and differ, a line says once that the given one is not used.
+        """
         given = None if self.up_camera is None else unit_vector(self.up_camera)
         if frame.up_camera is None:
             return given
