@@ -222,9 +222,10 @@ def _environment() -> dict[str, Any]:
 
 
 def _write(result: dict[str, Any], files: BenchFiles) -> None:
+    """Write the files; one that cannot be written does not keep the others from it."""
     import json
 
-    from basetree.files.writing import text_file
+    from basetree.files.writing import UnwritableFile, text_file
     from edgetree.bench.page import page_html
     from edgetree.bench.result import csv_text, markdown_text
 
@@ -234,8 +235,16 @@ def _write(result: dict[str, Any], files: BenchFiles) -> None:
         files.markdown: lambda: [markdown_text(result)],
         files.report: lambda: page_html(result),
     }
+    unwritten: list[UnwritableFile] = []
     for path, make in makers.items():
         if path is not None:
-            with text_file(path) as stream:
-                stream.writelines(make())
-            note(f"written: {path}")
+            try:
+                with text_file(path) as stream:
+                    stream.writelines(make())
+                note(f"written: {path}")
+            except UnwritableFile as error:
+                unwritten.append(error)
+    for error in unwritten[1:]:
+        complain(str(error))
+    if unwritten:
+        raise unwritten[0]

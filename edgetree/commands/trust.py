@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,12 +71,12 @@ def _change(
     key: Path | None, valid_until: str | None, remove: str | None, require: bool | None
 ) -> None:
     from edgetree.signing.keys import ed25519, read_public_key
-    from edgetree.signing.statement import end_of_day
     from edgetree.signing.trust import TrustedKey, change_trust_file, own_file
+
+    end = None if valid_until is None else _end_of(valid_until)
 
     def change(content: TrustFile) -> TrustFile:
         if key is not None:
-            end = None if valid_until is None else end_of_day(valid_until)
             content = content.with_key(TrustedKey.of(read_public_key(key), key.stem, end))
         if remove is not None:
             content = content.without_key(remove)
@@ -88,6 +89,17 @@ def _change(
     path = own_file()
     change_trust_file(path, change)
     note(f"changed: {path}")
+
+
+def _end_of(date: str) -> str:
+    """The last second of a day that is not over."""
+    from basetree.errors import InputError
+    from edgetree.signing.statement import end_of_day, parse_time
+
+    end = end_of_day(date)
+    if parse_time(end) < datetime.now(UTC):
+        raise InputError(f"--valid-until is {date}: expected today or a later day")
+    return end
 
 
 def _listing() -> Iterator[str]:

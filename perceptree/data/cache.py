@@ -257,7 +257,7 @@ def _build(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with replacing_folder(folder) as partial_folder:
         writer = _Writer(partial_folder, spec)
-        for done, (frame, outcome) in enumerate(_load_in_order(frames, spec), start=1):
+        for done, (frame, outcome) in enumerate(load_in_order(frames, spec), start=1):
             try:
                 writer.add(source_path(frame, spec.modality).name, outcome.result())
             except DatasetError as error:
@@ -268,7 +268,7 @@ def _build(
         writer.finish(key)
 
 
-def _load_in_order(
+def load_in_order(
     frames: Sequence[FrameRecord], spec: ModelSpec
 ) -> Iterator[tuple[FrameRecord, Future[Sample]]]:
     """Yield frames with their samples, in order, decoding a few ahead."""

@@ -119,3 +119,7 @@ class Counts:
         if equal_or_better:
             self.best = metrics
         return equal_or_better
+
+    def forget_best(self) -> None:
+        """Take the next weights that are evaluated as the best; at the end there is one more."""
+        self.best, self.evaluated_at = None, -1

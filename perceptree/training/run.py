@@ -158,6 +158,7 @@ class _TrainingRun:
         }
         if state is not None:
             _restore_from(self._state_path, trainer, state, branched=not self._resumable)
+            trainer.check_best(preparing.say)
         identity = self._identity(data)
         return trainer.run(lambda: write_state(trainer.state_path, _state_of(trainer), identity))
 

@@ -10,7 +10,8 @@ from typing import Any
 from basetree.counts import counted
 from basetree.errors import SettingsError
 from perceptree.data import Dataset, FrameStore, read_dataset
-from perceptree.data.cache import FrameCache, Progress, open_cache
+from perceptree.data.cache import FrameCache, Progress, load_in_order, open_cache
+from perceptree.data.coco import FrameRecord
 from perceptree.data.dividing import DEFAULT_SHARES, divide
 from perceptree.data.entries import EntryError
 from perceptree.data.exact import with_exact_depth
@@ -120,7 +121,7 @@ def open_data(
     return TrainingData(
         ", ".join(each.directory.name for each in sources),
         caches[0],
-        FrameStore(val.frames, spec),
+        FrameStore(_readable(val, spec, preparing) if engine.skip_broken else val.frames, spec),
         caches[1] if len(caches) > 1 else None,
         {
             "scenes": scenes,
@@ -208,12 +209,33 @@ def _open_cache(
     """Open the frame cache of a train split, and say which frames it leaves out."""
     _check_labels(train, spec)
     cache = open_cache(train.frames, spec, folder, engine.skip_broken, preparing.cached)
-    if cache.skipped:
-        first = "; ".join(entry.reason for entry in cache.skipped[:_NAMES_SHOWN])
-        if not len(cache):
-            raise DatasetError(f"{train.labels.path}: all frames are broken: {first}")
-        preparing.say(f"left out {len(cache.skipped)} broken frames: {first}")
+    _tell_broken(train, [entry.reason for entry in cache.skipped], preparing)
     return cache
+
+
+def _readable(val: Dataset, spec: ModelSpec, preparing: Preparing) -> list[FrameRecord]:
+    """The frames of a val split whose files can be read; all are decoded once."""
+    readable, broken = [], []
+    for frame, sample in load_in_order(val.frames, spec):
+        error = sample.exception()
+        if error is None:
+            readable.append(frame)
+        elif isinstance(error, DatasetError):
+            broken.append(str(error))
+        else:
+            raise error
+    _tell_broken(val, broken, preparing)
+    return readable
+
+
+def _tell_broken(dataset: Dataset, reasons: list[str], preparing: Preparing) -> None:
+    """Say which frames are left out; some must remain."""
+    if reasons:
+        first = "; ".join(reasons[:_NAMES_SHOWN])
+        if len(reasons) == len(dataset.frames):
+            raise DatasetError(f"{dataset.labels.path}: all frames are broken: {first}")
+        left_out = counted(len(reasons), "broken frame")
+        preparing.say(f"left out {left_out} of {dataset.labels.split}: {first}")
 
 
 def _check_labels(dataset: Dataset, spec: ModelSpec) -> None:

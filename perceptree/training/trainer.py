@@ -12,8 +12,9 @@ import torch
 from torch import nn
 
 from basetree.program.interrupts import interrupt_afterwards
+from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics, evaluate, predict_with
-from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
+from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint, save_checkpoint
 from perceptree.settings.training import Engine, TrainSettings
 from perceptree.training.batches import (
     Batch,
@@ -163,6 +164,15 @@ class Trainer:
     def checkpoint(self) -> Path:
         """File of the best weights so far."""
         return self.out / "best.safetensors"
+
+    def check_best(self, say: Callable[[str], None]) -> None:
+        """Save the best weights anew after the next evaluation if their file is lost or damaged."""
+        if self.counts.best is not None:
+            try:
+                load_checkpoint(self.checkpoint)
+            except CheckpointError as error:
+                say(f"{error}: the next evaluation writes it anew, from the weights it evaluates")
+                self.counts.forget_best()
 
     def _batches(self) -> Iterator[Batch]:
         data = self._data

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from edgetree.bench.rounds import measure_variants
 from edgetree.bench.stored import read_result
 from edgetree.model_file.manifest import Manifest
 
@@ -40,6 +41,27 @@ def test_bench_reports_this_machine(
     assert len(files["csv"].read_text().splitlines()) == 3
     assert files["md"].read_text().count("\n| model |") == 2
     assert "Where the time goes" in files["html"].read_text()
+
+
+def test_a_disk_that_is_gone_does_not_keep_other_files_from_being_written(
+    run_cli: Any, model: Path, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def measure_and_pull(*arguments: Any) -> Any:
+        measured = measure_variants(*arguments)
+        disk.rmdir()
+        return measured
+
+    monkeypatch.setattr("edgetree.bench.rounds.measure_variants", measure_and_pull)
+    gone, kept = (disk / "r.json", disk / "r.csv"), (tmp_path / "r.md", tmp_path / "r.html")
+    written = ("--out", gone[0], "--csv", gone[1], "--markdown", kept[0], "--report", kept[1])
+    done = run_cli("bench", model, "--frames", images, *QUICK, *written)
+    assert done.code == 2
+    assert f"{gone[1]} cannot be written" in done.err
+    assert done.err.splitlines()[-1].startswith(f"edgetree: {gone[0]} cannot be written")
+    assert all(path.stat().st_size for path in kept)
 
 
 def test_bench_of_backbones_prints_the_papers_table(

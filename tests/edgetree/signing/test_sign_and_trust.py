@@ -141,6 +141,7 @@ def test_an_encrypted_key_needs_its_passphrase(
         (("trust", "{model}"), "not a text file"),
         (("trust", "--remove", "0123"), "expected the id of one key"),
         (("trust", "--valid-until", "2038-01-01"), "without KEY"),
+        (("trust", "{public}", "--valid-until", "2001-01-01"), "expected today or a later day"),
         (("trust", "--check", "none.onnx"), "model none.onnx does not exist"),
         (("trust", "--check", "{model}", "--require"), "expected only one of them"),
         (("trust", "--check", "{model}"), "has no signature"),

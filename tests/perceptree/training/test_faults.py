@@ -1,5 +1,6 @@
 """Errors while training keep existing files, and are reported in one line."""
 
+import json
 import os
 import signal
 import subprocess
@@ -142,8 +143,11 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
     (posts / "depth8/000003.png").write_bytes(b"nothing")
     with pytest.raises(DatasetError, match=r"000003\.png: missing or not a readable image"):
         train(narrow(), plan(), posts, tmp_path / "run")
+    val = json.loads((posts / "val_RGB.json").read_text())["images"]
+    broken = posts / "depth8" / Path(val[0]["file_name"]).with_suffix(".png").name
+    broken.write_bytes(b"nothing")
     said: list[str] = []
-    train(
+    report = train(
         narrow(),
         plan(steps=1),
         posts,
@@ -151,7 +155,34 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
         engine=Engine(skip_broken=True),
         preparing=Preparing(say=said.append),
     )
-    assert [line for line in said if "left out 1 broken frames" in line and "000003" in line]
+    assert [
+        line for line in said if "left out 1 broken frame of train" in line and "000003" in line
+    ]
+    assert [line for line in said if "1 broken frame of val" in line and broken.name in line]
+    assert report.steps == 1
+
+
+@pytest.mark.parametrize("half", [True, False])
+def test_a_lost_or_damaged_checkpoint_is_written_anew_when_resumed(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, weights: Make, half: bool
+) -> None:
+    report = train(narrow(), plan(steps=2), posts, tmp_path / "run")
+    before = weights(report.checkpoint)
+    whole = report.checkpoint.read_bytes()
+    if half:
+        report.checkpoint.write_bytes(whole[: len(whole) // 2])
+    else:
+        report.checkpoint.unlink()
+    said: list[str] = []
+    again = train(
+        narrow(), plan(steps=2), posts, tmp_path / "run", preparing=Preparing(say=said.append)
+    )
+    (line,) = said
+    assert str(report.checkpoint) in line
+    assert "writes it anew" in line
+    assert again.metrics == report.metrics
+    after = weights(again.checkpoint)
+    assert [name for name in before if not torch.equal(before[name], after[name])] == []
 
 
 @pytest.mark.parametrize(
