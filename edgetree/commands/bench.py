@@ -244,7 +244,7 @@ def _write(result: dict[str, Any], files: BenchFiles) -> None:
                 note(f"written: {path}")
             except UnwritableFile as error:
                 unwritten.append(error)
-    for error in unwritten[1:]:
-        complain(str(error))
+    for other in unwritten[1:]:
+        complain(str(other))
     if unwritten:
         raise unwritten[0]

@@ -367,7 +367,7 @@ def _scaled(rig: Rig, text: str) -> Rig:
 def _direction(text: str, rotation_deg: int | None) -> tuple[float, float, float]:
     from basetree.errors import InputError
     from edgetree.frames.turning import turn_of
-    from edgetree.measure.entry import unit_up
+    from edgetree.measure.inputs import unit_up
 
     try:
         x, y, z = (float(part) for part in text.split(","))

@@ -1,4 +1,4 @@
-"""Measure the trees of one image: check the input and run the steps."""
+"""Measure the trees of one image: the steps, in their order."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from basetree.arrays import Bool, Float, Float32
-from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
-from calib.directions import CAMERA_UP, unit
+from calib.directions import CAMERA_UP
 from edgetree.detections import TreeDetections
+from edgetree.measure.base_ground import BaseGround, UnseenGround
 from edgetree.measure.constants.ground import CAMERA_UP_STD_DEG
 from edgetree.measure.estimates import Failure, TreeMeasurement
 from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, UnseenGround, find_grounds
+from edgetree.measure.ground import find_grounds
 from edgetree.measure.ground_cover import noise_factor
+from edgetree.measure.inputs import checked_frame, vertical_of
 from edgetree.measure.keypoints import Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.regions import STATIONS
@@ -31,15 +32,6 @@ from edgetree.measure.stem_fit import fit_stems
 from edgetree.measure.straight_part import with_straight_parts
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.views import View, stem_views
-
-# A vertical with larger components than these, downwards in the image or along the optical axis,
-# means that gravity was given in place of its opposite, or a mounting without the rotation from
-# camera to machine axes: cameras are not upside down and do not look at the sky.
-_MAX_DOWN, _MAX_FORWARD = 0.5, 0.9
-
-# No stem is measured from a kilometre away, and no camera's picture has its middle nearer than the
-# metre that this is in millimetres.
-_FARTHEST_MEDIAN_M, _SAMPLED_ROWS = 1000.0, 16
 
 
 def measure_trees(
@@ -112,37 +104,6 @@ def measure_trees(
     # Values that are not finite are found and reported by `failure_reasons`.
     with np.errstate(all="ignore"):
         return _measure_all(frame, detections, up, mounting)
-
-
-def vertical_of(up_camera: ArrayLike | None, mounting: RigidTransform | None) -> Float | None:
-    """(3,) the given vertical, or that of a level machine; None if neither is known.
-
-    Raises:
-        InputError: It is not a valid direction.
-    """
-    if up_camera is not None:
-        return unit_up(up_camera)
-    if mounting is not None:
-        return unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
-    return None
-
-
-def checked_frame(
-    detections: TreeDetections,
-    depth_m: Float,
-    camera: PinholeCamera,
-    masks: Sequence[Bool] | Bool | None,
-    settings: MeasureSettings,
-) -> DepthFrame:
-    """The frame of some detections; arguments are those of `measure_trees`.
-
-    Raises:
-        InputError: Depth, camera or masks are for another image size, or of another kind.
-    """
-    _check_sizes(detections, depth_m, camera)
-    if masks is not None:
-        _check_masks(detections, masks)
-    return DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
 
 
 def _measure_all(
@@ -324,76 +285,3 @@ def values(
         )
         for index, reason in enumerate(reasons)
     ]
-
-
-def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
-    expected = (detections.image_width, detections.image_height)
-    if not isinstance(depth_m, np.ndarray):
-        raise InputError(
-            f"the depth map is {type(depth_m).__name__}: expected a numpy array of float metres"
-        )
-    if depth_m.ndim != 2 or depth_m.shape[::-1] != expected:
-        raise InputError(
-            f"the depth map has shape {depth_m.shape}: expected {expected[::-1]}, as the image"
-        )
-    if not np.issubdtype(depth_m.dtype, np.floating):
-        raise InputError(
-            f"the depth map holds {depth_m.dtype}: expected float metres (16-bit millimetres are"
-            " read with calib.read_depth)"
-        )
-    readings = depth_m[::_SAMPLED_ROWS, ::_SAMPLED_ROWS]
-    readings = readings[np.isfinite(readings) & (readings > 0)]
-    median_m = float(np.median(readings)) if readings.size else 0.0
-    if median_m > _FARTHEST_MEDIAN_M:
-        raise InputError(
-            f"the depth map has a median of {median_m:g} m: expected metres; this looks like"
-            " millimetres, which become metres by `depth / 1000`"
-        )
-    if not isinstance(camera, PinholeCamera):
-        raise InputError(
-            f"the camera is {type(camera).__name__}: expected a PinholeCamera, as"
-            " calib.load_camera reads it"
-        )
-    if (camera.width, camera.height) != expected:
-        raise InputError(
-            f"the camera is for {camera.width}x{camera.height} px: expected"
-            f" {expected[0]}x{expected[1]} px, as the image"
-        )
-
-
-def _check_masks(detections: TreeDetections, masks: Sequence[Bool] | Bool) -> None:
-    if len(masks) != len(detections):
-        raise InputError(f"there are {len(masks)} masks: expected {len(detections)}, one per tree")
-    expected = (detections.image_height, detections.image_width)
-    for mask in masks:
-        if mask.shape != expected or mask.dtype != np.bool_:
-            raise InputError(
-                f"a mask has shape {mask.shape} of {mask.dtype}: expected {expected} of bool"
-            )
-
-
-def unit_up(up_camera: ArrayLike) -> Float:
-    """Normalise the direction away from gravity.
-
-    Args:
-        up_camera: (3,) direction in camera coordinates.
-
-    Returns:
-        (3,) unit vector.
-
-    Raises:
-        InputError: The value is not a direction, or the camera would be upside down or look at
-            the sky.
-    """
-    up: Float = np.asarray(up_camera, np.float64)
-    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
-        raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
-    up = unit(up / np.abs(up).max())
-    if up[1] > _MAX_DOWN or up[2] > _MAX_FORWARD:
-        seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
-        raise InputError(
-            f"up is {np.round(up, 2).tolist()} in the camera's frame (x right, y down, z forward),"
-            f" so that the camera looks {seen}: expected the direction away from gravity, or for a"
-            " camera that is mounted upside down --rotate 180 (in Python Rig(rotation_deg=180))"
-        )
-    return up

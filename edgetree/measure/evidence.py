@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.constants.outlines import MAX_DISAGREEMENT_STDS
 from edgetree.measure.estimates import Estimate, Evidence, Failure
 from edgetree.measure.even_cover import hidden_std_m
-from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.stem_fit import Stems
 

@@ -12,6 +12,7 @@ from basetree.arrays import Bool, Float
 from calib import RigidTransform
 from calib.directions import lengths
 from edgetree.measure import foot
+from edgetree.measure.base_ground import BaseGround, StemBases
 from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
 from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
 from edgetree.measure.constants.stems import (
@@ -31,7 +32,6 @@ from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import distance_place, gather_evidence, stump_warning
 from edgetree.measure.foot_distance import FootDistances, foot_distances
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.position import StemPosition

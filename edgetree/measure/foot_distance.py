@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from edgetree.measure.base_ground import BaseGround, DistrustedGround, StemBases
 from edgetree.measure.constants.ground import (
     FOOT_DISTANCE_STDS,
     LITTER_STD_M,
@@ -30,7 +31,6 @@ from edgetree.measure.constants.stems import MAX_RELATIVE_STD
 from edgetree.measure.estimates import Failure
 from edgetree.measure.foot_readings import below_feet, goes_on_below
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, DistrustedGround, StemBases
 from edgetree.measure.late_depth import LateDepth, late_depth
 from edgetree.measure.outline import Outline
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from calib import project_points
+from edgetree.measure.base_ground import StemBases
 from edgetree.measure.constants.depth import SURFACE_M, SURFACE_STDS
 from edgetree.measure.constants.ground import (
     GOES_ON_MARGIN,
@@ -14,7 +15,6 @@ from edgetree.measure.constants.ground import (
 )
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import StemBases
 from edgetree.measure.ground_cover import depth_stds_m
 from edgetree.measure.regions import SearchRegions
 

@@ -12,9 +12,9 @@ from basetree.arrays import Bool, Float
 from calib import PinholeCamera, pixels_to_rays, project_points
 from calib.directions import unit
 from edgetree.detections import TreeDetections
-from edgetree.measure.entry import checked_frame
 from edgetree.measure.estimates import Estimate, Failure, JsonValue, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
+from edgetree.measure.inputs import checked_frame
 from edgetree.measure.keypoints import LEFT, RIGHT, Keypoints
 from edgetree.measure.outline import trace_outline
 from edgetree.measure.profile import StemProfile

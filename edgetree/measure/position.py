@@ -11,6 +11,7 @@ import numpy as np
 from basetree.arrays import Float
 from calib import RigidTransform
 from calib.directions import heading
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.constants.stems import (
     HIGHEST_CUT_M,
     LOWEST_CUT_M,
@@ -23,7 +24,6 @@ from edgetree.measure.constants.stems import (
 )
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
 from edgetree.measure.even_cover import above_soil
-from edgetree.measure.ground import BaseGround
 from edgetree.measure.rig_uncertainty import RigErrors
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float, Index
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.constants.outlines import EDGE_ERROR_M, EDGE_SHARE
 from edgetree.measure.constants.stems import (
     COLLAR_HEIGHT_DIAMETERS,
@@ -26,7 +27,6 @@ from edgetree.measure.constants.stems import (
     TAPER_SPREAD_PER_M,
 )
 from edgetree.measure.estimates import Estimate, Failure
-from edgetree.measure.ground import BaseGround
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.stem_fit import Stems
 from edgetree.measure.width import MaskWidths, StemEdges

@@ -12,14 +12,9 @@ from basetree.arrays import Bool, Float
 from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 from edgetree.detections import TreeDetections
-from edgetree.measure.entry import (
-    axes_in_image,
-    checked_frame,
-    values,
-    vertical_of,
-    verticals_of,
-)
+from edgetree.measure.entry import axes_in_image, values, verticals_of
 from edgetree.measure.estimates import TreeMeasurement
+from edgetree.measure.inputs import checked_frame, vertical_of
 from edgetree.measure.observations import observe_stems
 from edgetree.measure.rig_uncertainty import RigUncertainty
 from edgetree.measure.settings import MeasureSettings

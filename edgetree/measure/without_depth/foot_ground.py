@@ -9,7 +9,7 @@ import numpy as np
 
 from basetree.arrays import Float
 from calib import GroundPlane
-from edgetree.measure.ground import BaseGround
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.vertical import Vertical
 
 # Extents of a plane that is not fitted to points: its height is as certain everywhere.

@@ -10,6 +10,7 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 from calib import RigidTransform
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.constants.placing import (
     CUT_ABOVE_GROUND_M,
     CUT_ABOVE_GROUND_STD_M,
@@ -21,7 +22,6 @@ from edgetree.measure.constants.stems import MAX_RELATIVE_STD
 from edgetree.measure.cut_diameter import incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.fitted_frame import FittedFrame
-from edgetree.measure.ground import BaseGround
 from edgetree.measure.keypoints import CUT
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.section import Sections

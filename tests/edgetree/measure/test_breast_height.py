@@ -7,7 +7,7 @@ import pytest
 
 from calib import GroundPlane, fit_ground_plane, project_points
 from edgetree.measure import Failure, MeasureSettings
-from edgetree.measure.ground import BaseGround
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.vertical import Verticals
 
 

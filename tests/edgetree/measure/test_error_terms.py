@@ -7,7 +7,7 @@ import pytest
 
 from calib import GroundPlane, fit_ground_plane
 from edgetree.measure import MeasureSettings
-from edgetree.measure.ground import BaseGround
+from edgetree.measure.base_ground import BaseGround
 from edgetree.measure.section import axes_in_planes
 from edgetree.measure.vertical import Verticals
 from edgetree.measure.width import MaskWidths
