@@ -113,7 +113,7 @@ class Gradients:
         with rounded_weights(self._model, self._settings.weight_bits):
             with exchange, torch.autocast(self._device.type, torch.bfloat16, self._bf16):
                 losses: dict[str, Tensor] = self._losses(
-                    images, targets, self._settings.sampling, draw, self._processes.mean_count
+                    images, targets, self._settings.sampling, draw, self._processes.mean
                 )
             total = torch.stack(list(losses.values())).sum() / self._settings.accumulate
             total.backward()  # type: ignore[no-untyped-call]

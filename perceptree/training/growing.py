@@ -19,6 +19,7 @@ import torch
 
 from basetree.errors import SettingsError
 from perceptree.data import read_dataset
+from perceptree.data.layouts import find_splits
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.settings.training import Engine, TrainSettings
@@ -139,7 +140,7 @@ def _elapsed_s(stage: Path) -> float:
 
 
 def _frames_in(data: Path) -> int:
-    return sum(len(read_dataset(data, split).frames) for split in ("train", "val", "test"))
+    return sum(len(read_dataset(data, labels.split).frames) for labels in find_splits(data))
 
 
 def _stop_when_simulated(

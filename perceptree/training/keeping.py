@@ -7,7 +7,7 @@ backbone on the same pictures (Li et al. 2019, "DELTA").
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -48,8 +48,11 @@ class StartingBackbone:
 
     def state(self) -> dict[str, Tensor]:
         """The starting weights, to go on with after an interruption."""
-        first, *colour = (start.state_dict() for start in self._starts)
-        return first | {_COLOUR + name: x for state in colour for name, x in state.items()}
+        return _joined(self._starts)
+
+    def own_state(self) -> dict[str, Tensor]:
+        """The model's weights now, in the form of `state`."""
+        return _joined(self._backbones)
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Take the starting weights of an interrupted training."""
@@ -97,3 +100,9 @@ class StartingBackbone:
                 for own, start in zip(backbone.parameters(), beginning.parameters(), strict=True):
                     if share and own.requires_grad:
                         own.lerp_(start, share)
+
+
+def _joined(backbones: Iterable[nn.Module]) -> dict[str, Tensor]:
+    """The tensors of the backbones by name."""
+    first, *colour = (backbone.state_dict() for backbone in backbones)
+    return first | {_COLOUR + name: x for state in colour for name, x in state.items()}

@@ -35,17 +35,13 @@ class Processes:
         """Whether this is the process of rank 0, which writes files and reports."""
         return self.rank == 0
 
-    def mean_count(self, count: Tensor) -> Tensor:
-        """Mean over all processes of a count; without gradient."""
-        if self.world == 1:
-            return count
-        total = count.detach().to(torch.float32, copy=True)
-        dist.all_reduce(total)
-        return total / self.world
-
     def mean(self, values: Tensor) -> Tensor:
         """Mean over all processes of `values`; without gradient."""
-        return self.mean_count(values)
+        if self.world == 1:
+            return values
+        total = values.detach().to(torch.float32, copy=True)
+        dist.all_reduce(total)
+        return total / self.world
 
     def broadcast_number(self, value: float) -> float:
         """Return the number of the process of rank 0 in all processes."""

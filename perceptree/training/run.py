@@ -17,7 +17,7 @@ from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN
 from perceptree.settings.training import EXTENDABLE_SETTINGS, DataSource, Engine, TrainSettings
 from perceptree.training.counts import Counts, Progress
-from perceptree.training.credits import Credits, training_credits
+from perceptree.training.credits import Credits, joined_credits, training_credits
 from perceptree.training.hardware import fastest_precision, keep_freed_memory
 from perceptree.training.optimizer_state import check_optimizer_state
 from perceptree.training.processes import Processes, process_group
@@ -34,6 +34,7 @@ from perceptree.training.trainer import Trainer, TrainReport
 
 # Settings that make no sense with a random backbone.
 _NEED_START = ("frozen_norms", "frozen_steps", "keep_weights", "keep_features")
+_CREDITS = "credits"  # in a state
 
 
 def train(
@@ -154,7 +155,7 @@ class _TrainingRun:
             "data": data.name,
             "frames": len(data.frames) + len(data.mixed or ()),
             **data.origin,
-            **self._credits(),
+            **self._credits((state or {}).get(_CREDITS)),
         }
         if state is not None:
             _restore_from(self._state_path, trainer, state, branched=not self._resumable)
@@ -223,10 +224,12 @@ class _TrainingRun:
         heads = {} if self.heads is None else {"heads": describe_init(self.heads)}
         return {**describe_init(self.init, self.spec.backbone), **heads}
 
-    def _credits(self) -> Credits:
+    def _credits(self, before: Any) -> Credits:
+        """The credits of the starting weights and data, and those of the state it goes on from."""
         files = [*files_of(self.init), *([] if self.heads is None else [self.heads])]
         folders = [self.source.directory, *([self.source.mix] if self.source.mix else [])]
-        return training_credits(self.init, self.spec.backbone, files, folders)
+        own = training_credits(self.init, self.spec.backbone, files, folders)
+        return joined_credits([own, before if isinstance(before, dict) else {}])
 
     def _identity(self, data: TrainingData) -> dict[str, dict[str, Any]]:
         origin = self._origin()
@@ -258,6 +261,7 @@ def _state_of(trainer: Trainer) -> dict[str, Any]:
         "start": None if trainer.start is None else trainer.start.state(),
         "optimizer": trainer.optimizer.state_dict(),
         "precision": trainer.precision,
+        _CREDITS: joined_credits([trainer.origin]),
         **trainer.counts.to_state(),
     }
 
@@ -286,7 +290,7 @@ def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
     if trainer.average is not None and state["average"] is not None:
         trainer.average.load_state_dict(state["average"])
     if trainer.start is not None:
-        trainer.start.load_state(state.get("start") or trainer.model.backbone.state_dict())
+        trainer.start.load_state(state.get("start") or trainer.start.own_state())
     check_optimizer_state(trainer.optimizer, state["optimizer"])
     trainer.optimizer.load_state_dict(state["optimizer"])
     step = state["step"]

@@ -246,8 +246,9 @@ class Trainer:
                 found = evaluate(predict_with(model.eval()), self._data.val, batch=4)
             metrics: Metrics = self.processes.broadcast(found)
             self._write({"val": metrics.to_dict()})
-            if self.counts.add_metrics(metrics) and self.processes.is_lead:
-                self._save_best(metrics)
+            with interrupt_afterwards():  # or the state would tell of weights that are not saved
+                if self.counts.add_metrics(metrics) and self.processes.is_lead:
+                    self._save_best(metrics)
 
     def _save_best(self, metrics: Metrics) -> None:
         training = {

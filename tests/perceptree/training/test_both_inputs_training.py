@@ -62,6 +62,9 @@ def test_it_is_also_trained_from_random_weights_and_goes_on(
     code, _, told = train(call, posts, tmp_path / "more", "--init", best, "--keep-features", 1)
     assert code == 0, told
     assert load_checkpoint(tmp_path / "more/best.safetensors")[0].spec.modality == "both"
+    keep = ("--branch", tmp_path / "run", "--keep-features", 1)
+    code, _, told = train(call, posts, tmp_path / "branch", "--modality", "both", *size, *keep)
+    assert code == 0, told
 
 
 @pytest.mark.parametrize(

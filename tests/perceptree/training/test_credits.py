@@ -40,6 +40,9 @@ def test_a_training_passes_on_those_of_its_start_and_adds_its_datas(
     record = load_checkpoint(report.checkpoint)[1]["training"]
     assert record["pretrained"] == [WEIGHTS]
     assert record["photographs"] == [BARK, MOSS]
+    went_on = train(narrow(), plan(steps=1), posts, tmp_path / "branch", branch=tmp_path / "run")
+    record = load_checkpoint(went_on.checkpoint)[1]["training"]
+    assert (record["pretrained"], record["photographs"]) == ([WEIGHTS], [MOSS, BARK])
     _, averaged = average_checkpoints([report.checkpoint, report.checkpoint], [1, 1])
     assert averaged["photographs"] == [BARK, MOSS]
 

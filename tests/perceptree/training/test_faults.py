@@ -17,6 +17,7 @@ from file_limits import largest_file
 import perceptree.training.state
 from basetree.errors import SettingsError
 from perceptree.errors import CheckpointError, DatasetError
+from perceptree.models import save_checkpoint
 from perceptree.training import Engine, Preparing, train
 from perceptree.training.state import write_state
 
@@ -160,6 +161,23 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
     ]
     assert [line for line in said if "1 broken frame of val" in line and broken.name in line]
     assert report.steps == 1
+
+
+def test_an_interrupt_while_the_best_weights_are_saved_comes_after_them(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved: list[Path] = []
+
+    def interrupted(path: Path, *rest: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        save_checkpoint(path, *rest)
+        saved.append(path)
+
+    monkeypatch.setattr("perceptree.training.trainer.save_checkpoint", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    assert saved == [tmp_path / "run/best.safetensors"]
+    assert torch.load(tmp_path / "run/state.pt")["best"] is not None
 
 
 @pytest.mark.parametrize("half", [True, False])

@@ -12,6 +12,7 @@ from fake_python import replace_python
 from basetree.errors import SettingsError
 from perceptree.errors import DatasetError
 from perceptree.training import Status, train_while_simulating
+from perceptree.training.growing import _frames_in
 
 Make = Callable[..., Any]
 WriteDataset = Callable[..., Path]
@@ -75,6 +76,11 @@ def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
     assert seen[-1].elapsed_s == pytest.approx(first["elapsed_s"] + second["elapsed_s"])
     learned = [json.loads(state["identity"])["data"]["train"] for state in (first, second)]
     assert learned == [4, 8]
+
+
+def test_frames_are_counted_without_a_test_split(grown_later: Path) -> None:
+    (grown_later / "test_RGB.json").unlink()
+    assert _frames_in(grown_later) == 4 + 3
 
 
 def test_a_run_whose_minutes_are_over_says_so(
