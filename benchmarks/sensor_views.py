@@ -22,7 +22,7 @@ STEREO = DepthSettings(kinds={"stereo": 1.0}, half_resolution=False)
 TOF = DepthSettings(kinds={"tof": 1.0}, half_resolution=False)
 BOARD = DepthSettings(kinds={"stereo": 1.0})
 _GROUND_M = 0.1
-_SAMPLED = 5  # every so manieth point gives the ground
+_SAMPLED = 5  # every fifth point gives the ground
 _RINGS_PX, _BEAMS_PX = 4, 2
 _HELD_PX = 8.0
 

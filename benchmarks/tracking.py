@@ -61,11 +61,11 @@ BY_DEPTH: dict[str, Given] = {
     "vertical and depth": (False, True, True),
     "depth": (False, False, True),
 }
-# Every so manieth frame is used.
+# One in so many frames is used.
 STEPS = (1, 2, 5)
 _RATE_HZ = 10.0
 POSE = KNOWN["pose"]
-# A drive is followed from every so manieth frame on, if so many are left.
+# A drive is followed from one in so many frames on, if so many are left.
 _START_EVERY, _SHORTEST = 25, 5
 
 Tracks = list[list[TreeTrack]]

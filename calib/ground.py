@@ -65,12 +65,6 @@ class GroundPlane:
         leverage = 1 + ((offset_m / self.extents_m) ** 2).sum(-1)
         return np.asarray(self.residual_std_m * np.sqrt(leverage / self.independent_points))
 
-    @property
-    def tilt_std_deg(self) -> float:
-        """Standard deviation of the normal's direction along its less certain axis."""
-        least = float(self.extents_m.min())
-        return float(np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points))))
-
 
 class GroundPlaneFailure(Failure):
     """The reason why no ground plane was found. Falsy."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import zipfile
 from typing import Any, BinaryIO, Final
 
@@ -11,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.arrays import Float
+from basetree.files.npy import read_array_header
 from calib.clouds.cloud import check_count, xyz_of_records
 from calib.errors import CloudError
 
 ZIP: Final = b"PK\x03\x04"
-NPY: Final = b"\x93NUMPY"
-_HEADERS: Final = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
+_MOST_AXES: Final = 4
 _EXPECTED: Final = "expected an array of Nx3 or more numbers, records with x, y and z, or three"
 _MOST_ARRAYS: Final = 1000
 _MOST_BYTES_PER_POINT: Final = 64
@@ -116,23 +112,16 @@ def _array(file: BinaryIO, size: int) -> NDArray[Any]:
     """An array, whose header is compared with the number of bytes that follow."""
     damaged = CloudError("one of its arrays cannot be read: expected numbers as numpy saves them")
     try:
-        header = file.read(8)
-        read_header = _HEADERS[header[6], header[7]]
-        shape, is_fortran, dtype = read_header(file)
-    except Exception as error:  # numpy parses the header as Python: many kinds of errors
+        header = read_array_header(file)
+    except ValueError as error:
         raise damaged from error
-    count = math.prod(shape)
-    is_plain = dtype.itemsize > 0 and not dtype.hasobject and dtype.subdtype is None
-    if not is_plain or min(shape, default=0) < 0 or len(shape) > 4:
+    if len(header.shape) > _MOST_AXES or header.size_bytes > size:
         raise damaged
-    if count * dtype.itemsize > size:
+    check_count(header.shape[0] if header.shape else 0)
+    data = file.read(header.size_bytes)
+    if len(data) < header.size_bytes:
         raise damaged
-    check_count(shape[0] if shape else 0)
-    data = file.read(count * dtype.itemsize)
-    if len(data) < count * dtype.itemsize:
-        raise damaged
-    values = np.frombuffer(data, dtype, count)
-    return values.reshape(shape, order="F" if is_fortran else "C")
+    return header.array(np.frombuffer(data, header.dtype, header.count))
 
 
 def _may_be_points(array: NDArray[Any]) -> bool:

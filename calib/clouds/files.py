@@ -10,6 +10,7 @@ from typing import Final
 from basetree.arrays import Float
 from basetree.errors import InputFileError
 from basetree.files.limits import current_limits
+from basetree.files.npy import NPY_START
 from basetree.files.regular import read_regular
 from calib.clouds import arrays, las, pcd, ply
 from calib.clouds.cloud import PointCloud
@@ -68,7 +69,7 @@ def _reader(path: Path, data: bytes) -> Callable[[bytes], Float]:
     by_start: dict[bytes, Callable[[bytes], Float]] = {
         las.MAGIC: lambda data: las.read_las(data, f"cloud {path}"),
         arrays.ZIP: arrays.read_npz,
-        arrays.NPY: arrays.read_npy,
+        NPY_START: arrays.read_npy,
         ply.MAGIC + b"\n": ply.read_ply,
         ply.MAGIC + b"\r": ply.read_ply,
         **dict.fromkeys(pcd.STARTS, pcd.read_pcd),

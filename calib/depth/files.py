@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,6 +15,7 @@ from basetree.errors import InputFileError
 from basetree.files.headers import heif
 from basetree.files.headers.header import PictureHeader
 from basetree.files.limits import current_limits
+from basetree.files.npy import NPY_START, read_array_header
 from basetree.files.picture_size import checked_header, most_picture_bytes
 from basetree.files.reading import decode_image
 from basetree.files.regular import open_regular, read_regular
@@ -26,13 +26,7 @@ _MM_PER_M = 1000.0
 _MAX_MM = 65535
 _METRE_BYTES = 4  # a float32
 _ZIP = b"PK\x03\x04"  # how .npz begins
-_NPY = b"\x93NUMPY"
 _JPEG, _EXR = b"\xff\xd8\xff", b"\x76\x2f\x31\x01"
-_MOST_AXES = 32  # of numpy
-_NPY_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 
 
 def read_depth(path: Path | str, scale: float | None = None) -> Float32:
@@ -72,7 +66,7 @@ def read_values(path: Path) -> NDArray[Any]:
     expected = "expected a depth map as PNG, TIFF or .npy"
     try:
         with open_regular(path) as file:
-            is_array = file.read(len(_NPY)) == _NPY
+            is_array = file.read(len(NPY_START)) == NPY_START
             file.seek(0)
             if is_array:
                 return _read_array(path, file)
@@ -120,25 +114,19 @@ def _read_heif(path: Path, data: bytes, header: PictureHeader) -> NDArray[Any]:
 def _read_array(path: Path, file: BinaryIO) -> NDArray[Any]:
     """The values of a .npy file, whose header is compared with what follows it."""
     try:
-        version = np.lib.format.read_magic(file)
-        read_header = _NPY_HEADERS[version]
-        shape, is_fortran, dtype = read_header(file)
-        there = os.fstat(file.fileno()).st_size - file.tell()
-    except Exception as error:  # numpy parses the header as Python: many kinds of errors
+        header = read_array_header(file)
+    except ValueError as error:
         raise _not_an_array(path) from error
-    count = math.prod(shape)
-    is_plain = dtype.itemsize > 0 and not dtype.hasobject and len(shape) <= _MOST_AXES
-    is_plain = is_plain and dtype.subdtype is None  # whose numbers are more than the shape says
-    if not is_plain or min(shape, default=0) < 0 or count * dtype.itemsize > there:
+    count = header.count
+    if header.size_bytes > os.fstat(file.fileno()).st_size - file.tell():
         raise _not_an_array(path)
     largest = current_limits().image_pixels
     if count > largest:
         raise InputFileError(
             f"{path}: {count} values, expected at most {largest}, the limit image_pixels"
         )
-    _check_memory(path, count, count * dtype.itemsize)
-    values = np.fromfile(file, dtype, count)
-    values = values.reshape(shape, order="F" if is_fortran else "C")
+    _check_memory(path, count, header.size_bytes)
+    values = header.array(np.fromfile(file, header.dtype, count))
     return np.ascontiguousarray(values, values.dtype.newbyteorder("="))
 
 

@@ -26,7 +26,7 @@ def to_float16(model: Any, frames: UInt8) -> Any:
 
     Args:
         model: a graph from `edgetree.export.build.trace`.
-        frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations.
+        frames: (N, H, W, 3 or 4) or (N, H, W) uint8 real frames for the ranges of activations.
 
     Returns:
         The converted `onnx.ModelProto`.
@@ -89,7 +89,7 @@ def _largest_values(model: Any, kinds: list[str], frames: UInt8) -> dict[str, fl
     Args:
         model: An `onnx.ModelProto`.
         kinds: The operator types.
-        frames: (N, H, W, 3) or (N, H, W) uint8 frames.
+        frames: (N, H, W, 3 or 4) or (N, H, W) uint8 frames.
     """
     import onnx
     from onnxruntime.quantization import CalibrationMethod

@@ -1,4 +1,4 @@
-"""ParityLimits on the differences between a file and its model, for each precision."""
+"""Limits on the differences between a file and its model, for each precision."""
 
 from __future__ import annotations
 

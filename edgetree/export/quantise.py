@@ -37,8 +37,8 @@ def quantise(model: Any, frames: UInt8, *, symmetric: bool = False) -> Any:
 
     Args:
         model: a graph from `edgetree.export.build.trace` with `quantised=True`.
-        frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations. Those
-            that do not fill a batch are left out.
+        frames: (N, H, W, 3 or 4) or (N, H, W) uint8 real frames for the ranges of activations.
+            Those that do not fill a batch are left out.
         symmetric: Whether activations are signed with zero point 0, as TensorRT needs. This is
             slow on CPUs.
 

@@ -74,7 +74,7 @@ def round_weights(model: Any, frames: UInt8, bits: int) -> tuple[Any, dict[str, 
 
     Args:
         model: a traced `onnx.ModelProto` in float32; it is not changed.
-        frames: (N, H, W, 3) or (N, H, W) uint8 real frames, of which the first 16 are used.
+        frames: (N, H, W, 3 or 4) or (N, H, W) uint8 real frames, of which the first 16 are used.
         bits: Bits of a weight with its sign.
 
     Returns:

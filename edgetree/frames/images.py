@@ -39,8 +39,8 @@ def read_colour(path: Path) -> Picture:
 
     Raises:
         InputError: The file is missing, not an image, truncated, or has more than 8 bits.
-        InputFileError: It has more pixels than `limits.Limits.image_pixels`, or is of a format
-            that is not read.
+        InputFileError: It has more pixels than `basetree.files.limits.Limits.image_pixels`, or is
+            of a format that is not read.
     """
     expected = "expected a complete 8-bit JPEG or PNG image, or TIFF, BMP, WebP, HEIC, GIF or PNM"
     picture = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)

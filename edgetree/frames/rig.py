@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 import calib
 from basetree.errors import InputError
 from basetree.files.reading import orientation_note
-from calib.clouds import depth_of_beams, fill_between, read_cloud
+from calib.clouds import PointCloud, depth_of_beams, fill_between, read_cloud
 from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
 from edgetree.frames.turning import Turn, check_rotation, turn_of
@@ -51,6 +51,18 @@ class BeamReading(NamedTuple):
 
     depth_m: NDArray[np.float32]
     filled_m: NDArray[np.float32]
+
+    @classmethod
+    def of_cloud(
+        cls, cloud: PointCloud, camera: calib.PinholeCamera, to_camera: calib.RigidTransform
+    ) -> BeamReading:
+        """The beams of a cloud in a picture.
+
+        Raises:
+            CloudError: As `depth_of_beams`.
+        """
+        beams = depth_of_beams(cloud, camera, to_camera)
+        return cls(beams.depth_m, fill_between(beams.depth_m, beams.spacing))
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +238,8 @@ class Rig:
             size_px: Width and height of the image; None to leave the depth unaligned.
 
         Raises:
-            InputError: The size differs from the image's, and there is no depth camera.
-            InputError: The file cannot be read, or a camera is for another aspect ratio or lacks.
+            InputError: The file cannot be read, its size differs from the image's and there is no
+                depth camera, or a camera is for another aspect ratio or lacks.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
         height, width = depth_m.shape
@@ -269,10 +281,9 @@ class Rig:
             )
         cloud = read_cloud(path)
         try:
-            beams = depth_of_beams(cloud, camera, self.cloud_extrinsics)
+            return BeamReading.of_cloud(cloud, camera, self.cloud_extrinsics)
         except calib.CloudError as error:
             raise calib.CloudError(f"cloud {path}: {error}") from error
-        return BeamReading(beams.depth_m, fill_between(beams.depth_m, beams.spacing))
 
     def _camera_of_depth(self, path: Path, width: int, height: int) -> calib.PinholeCamera | None:
         """The camera of a range image; None if there is none, or the file holds depth."""

@@ -19,7 +19,7 @@ from basetree.errors import InputError
 from basetree.files.headers.header import DepthNote
 from basetree.files.names import DEPTH_SUFFIXES
 from calib import CameraError
-from calib.clouds import is_cloud_file
+from calib.clouds import CLOUD_SUFFIXES, is_cloud_file
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
@@ -203,9 +203,13 @@ class _ImageFrames(BaseSource):
         if self._depth_only:
             return Frame(name, path, None, *self._rig.read_depth(depth or path))
         if depth is not None and not depth.is_file():
+            is_cloud = is_cloud_file(depth)
+            kind, suffixes = "cloud" if is_cloud else "depth image", list(DEPTH_SUFFIXES)
+            if is_cloud:
+                suffixes = list(CLOUD_SUFFIXES)
+            others = ", ".join(suffix for suffix in suffixes if suffix != depth.suffix.lower())
             raise InputError(
-                f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
-                f" expected one for image {path}"
+                f"{kind} {depth} does not exist, nor with {others}: expected one for image {path}"
             )
         image, focal_px = self._pixels(path, depth)
         if depth is None:
@@ -259,11 +263,12 @@ class _Stream(BaseSource):
         self._frames, self._rig, self._rate_hz = files, rig, rate_hz
 
     def __iter__(self) -> Iterator[Frame]:
+        earlier = self.counts["unreadable images"]
         for number, frame in enumerate(readable(self._frames, self._leave_out)):
             if self._is_closed.is_set():
                 return
             # The frames that were left out have numbers and times too.
-            yield self._numbered(number + self.counts["unreadable images"], frame)
+            yield self._numbered(number + self.counts["unreadable images"] - earlier, frame)
 
     def _leave_out(self, error: Exception) -> None:
         self.counts["unreadable images"] += 1

@@ -159,6 +159,32 @@ def open_stereo_recording(
     return _StereoRecording(str(path), sides, pair, rig or Rig())
 
 
+class _InStep:
+    """The pictures of two sides in turn; one that cannot be read leaves out its whole pair."""
+
+    def __init__(self, left: Iterator[Frame], right: Iterator[Frame]) -> None:
+        self._left, self._right = left, right
+
+    def __iter__(self) -> Iterator[tuple[Frame, Frame]]:
+        return self
+
+    def __next__(self) -> tuple[Frame, Frame]:
+        left, right = _next_or_error(self._left), _next_or_error(self._right)
+        for side in (left, right):
+            if isinstance(side, InputError):
+                raise side
+        assert isinstance(left, Frame)
+        assert isinstance(right, Frame)
+        return left, right
+
+
+def _next_or_error(frames: Iterator[Frame]) -> Frame | InputError:
+    try:
+        return next(frames)
+    except InputError as error:
+        return error
+
+
 class _StereoFrames(BaseSource):
     def __init__(self, name: str, sides: list[FrameSource], pair: StereoPair, rig: Rig) -> None:
         super().__init__(name)
@@ -175,7 +201,7 @@ class _StereoFrames(BaseSource):
     def _pairs(
         self, left: Iterator[Frame], right: Iterator[Frame]
     ) -> Iterable[tuple[Frame, Frame]]:
-        return zip(left, right, strict=False)
+        return _InStep(left, right)
 
     def close(self) -> None:
         """End an iteration in progress."""

@@ -61,7 +61,7 @@ class FrameRecord:
         extra: The fields camera, up_camera, depth_encoding and scene, as far as the file has them.
         trees: Labelled trees.
         exact_path: 16-bit exact depth of a simulated frame, if any.
-        exact_stride_px: Its file holds every so manieth pixel and row.
+        exact_stride_px: Its file holds every n-th pixel of every n-th row; this is n.
     """
 
     image_id: int

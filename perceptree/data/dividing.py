@@ -61,7 +61,8 @@ def divide(
         raise DatasetError(
             f"{counted(len(frames), 'picture')} form {counted(len(sizes), 'group')} that"
             " belong together, expected at"
-            f" least {len(wanted)}, for {', '.join(wanted)} (--test 0 makes no test split)"
+            f" least {len(wanted)}, for {', '.join(wanted)}"
+            f"{' (--test 0 makes no test split)' * ('test' in wanted)}"
         )
     split_of = _assign(sizes, wanted, seed)
     found: dict[str, list[FrameRecord]] = {split: [] for split in wanted}

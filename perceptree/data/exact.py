@@ -62,7 +62,7 @@ def exact_image(frame: FrameRecord, spec: ModelSpec, box: Letterbox, trees: Bool
     if metres.shape != expected:
         raise DatasetError(
             f"{path}: is {metres.shape[1]}x{metres.shape[0]} px, expected"
-            f" {expected[1]}x{expected[0]}: every {stride}. pixel of the frame"
+            f" {expected[1]}x{expected[0]}: one in {stride} pixels of the frame each way"
         )
     metres = np.where(metres > 0, metres, np.float32(np.inf))
     rows = _samples(box.resized_height, float(box.scale[1]), stride, len(metres))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from perceptree.data.entries import Entry, EntryError, are_numbers, rows
@@ -103,7 +103,7 @@ def _shape(annotation: Entry) -> None:
     if not annotation.get("bbox") and isinstance(polygons, list):
         numbers = [polygon for polygon in polygons if are_numbers(polygon) and len(polygon) > 1]
         if numbers:
-            annotation["bbox"] = _box_around(numbers)
+            annotation["bbox"] = box_around(numbers)
 
 
 def _polygons(polygons: list[Any]) -> list[Any]:
@@ -124,10 +124,11 @@ def _is_row(value: Any, count: int) -> bool:
     return isinstance(value, list) and len(value) == count and are_numbers(value)
 
 
-def _box_around(polygons: list[list[float]]) -> list[float]:
+def box_around(polygons: Sequence[Sequence[float]]) -> list[float]:
+    """Return the box x, y, width, height around polygons x, y, x, y, ...; zeros around none."""
     xs = [x for polygon in polygons for x in polygon[::2]]
     ys = [y for polygon in polygons for y in polygon[1::2]]
-    return [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)]
+    return [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)] if xs and ys else [0, 0, 0, 0]
 
 
 def drop_short_parts(annotation: Entry) -> int:

@@ -42,9 +42,9 @@ class TrackingSettings(Settings, each=_POSITIVE, error=InputError):
     The shares of errors are for an embedded depth model. Those of diameters come from a simulated
     drive with 28 measured stems, scaled to a sum of 1; those of diameters at breast height, of cut
     heights and of inclinations were chosen on nine drives with 229 stems so that the 95 % intervals
-    hold after 1, 5 and 20 frames (`benchmarks/tracking.py`). When a better model made the stated
-    deviations of single views smaller (of inclinations larger), the shares were scaled so that the
-    deviations of tracks stayed the same. Those of positions are assumed.
+    hold after 1, 5 and 20 frames (`benchmarks/tracking.py`). A later model
+    states smaller deviations for single views (larger ones of inclinations). The shares were then
+    scaled, so that the deviations of tracks stayed the same. Those of positions are assumed.
     """
 
     memory_s: float = 60.0

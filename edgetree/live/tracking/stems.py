@@ -125,7 +125,7 @@ class StemMap:
         self.add(seen, from_m, time_s, split_from=int(self.rows["number"][row]))
 
     def at_height(self, rows: Index, height_m: Float) -> tuple[Float, Float]:
-        """(K, 2) places of the axes of K axes at given heights, with (K, 2, 2) covariances."""
+        """(K, 2) places of the axes of K stems at given heights, with (K, 2, 2) covariances."""
         line, covariance = self.rows["line"][rows], self.rows["line_covariance"][rows]
         rise = (height_m - self.rows["reference_m"][rows])[:, None]
         shift = np.zeros((len(rows), 2, 4))

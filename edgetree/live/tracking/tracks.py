@@ -29,7 +29,7 @@ class TreeTrack:
         arc_deg: Angle around the stem between the outermost views.
         more_views_help: Whether another view would make the diameter's interval clearly narrower.
         last_seen_s: Time stamp of the last frame that shows it, s.
-        warnings: Contradictions between the views.
+        warnings: Contradictions between the views, and where the map or the stem began anew.
     """
 
     number: int

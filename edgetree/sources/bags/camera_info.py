@@ -153,6 +153,7 @@ class CameraInfos:
         except calib.CameraError as error:
             self.error = str(error)
             return None
+        self.error = None
         if any(_values(message)["d"]) and (self._is_rectified or camera.distortion):
             self.choice = LensChoice(self._is_rectified, camera)
         return camera

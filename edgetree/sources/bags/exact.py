@@ -137,7 +137,7 @@ def _noise(values: Any) -> DepthNoise | None:
     noise = DepthNoise(**values)
     for name, value in asdict(noise).items():
         if value is not None and not (isinstance(value, int | float) and 0 <= value < math.inf):
-            raise ValueError(f"its {name} is {value!r}, expected a positive number")
+            raise ValueError(f"its {name} is {value!r}, expected at least 0")
     return noise
 
 

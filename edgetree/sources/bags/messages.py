@@ -69,10 +69,14 @@ def stamp_ns(message: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def frame_name(name: str) -> str:
+    """The name of a frame without the slash that ROS 1 put before it."""
+    return str(name).lstrip("/")
+
+
 def frame_of(message: Any) -> str:
-    """The frame of a message, without the slash that ROS 1 put before it."""
-    frame = message.header.frame_id if hasattr(message, "header") else message.frame_id
-    return str(frame).lstrip("/")
+    """The frame of a message, as `frame_name` gives it."""
+    return frame_name(message.header.frame_id if hasattr(message, "header") else message.frame_id)
 
 
 def kind_of_picture(message: Any, topic: str, frames: Sequence[str] = ()) -> PictureKind:

@@ -35,7 +35,7 @@ def recording_files(path: Path) -> list[Path]:
     """The files of a recording: the file itself, or those in its folder.
 
     Raises:
-        InputError: There are none, or one that metadata.yaml names is missing.
+        InputError: There are none.
     """
     if not path.exists():
         raise InputError(

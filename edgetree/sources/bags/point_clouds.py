@@ -8,7 +8,7 @@ import numpy as np
 
 from basetree.errors import InputError
 from calib import CloudError, PinholeCamera, RigidTransform
-from calib.clouds import PointCloud, depth_of_beams, fill_between
+from calib.clouds import PointCloud
 from calib.clouds.cloud import check_count, xyz_of_records
 from edgetree.frames.rig import BeamReading
 
@@ -95,7 +95,6 @@ def projected(
         InputError: Hardly any point is in the picture.
     """
     try:
-        beams = depth_of_beams(cloud, camera, to_camera)
+        return BeamReading.of_cloud(cloud, camera, to_camera)
     except CloudError as error:
         raise InputError(f"a cloud of topic {topic}: {error}") from error
-    return BeamReading(beams.depth_m, fill_between(beams.depth_m, beams.spacing))

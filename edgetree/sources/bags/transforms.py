@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from calib import RigidTransform
-from edgetree.sources.bags.messages import stamp_ns
+from edgetree.sources.bags.messages import frame_name, stamp_ns
 
 # Frames that stay in place, best first: odom drifts but never jumps.
 _FIXED: Final = ("odom", "map", "world")
@@ -21,11 +21,6 @@ _MAX_BEYOND_NS: Final = 100_000_000  # after the last or before the first readin
 _CLOCK_JUMP_NS: Final = 1_000_000_000
 _MAX_READINGS: Final = 2000
 _MOST_M: Final = 1e8  # beyond the coordinates of all maps and the size of the Earth
-
-
-def frame_name(name: str) -> str:
-    """The name of a frame without the slash that ROS 1 put before it."""
-    return str(name).lstrip("/")
 
 
 @dataclass

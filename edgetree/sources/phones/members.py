@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from basetree.errors import InputError
 from basetree.files.names import is_inside
@@ -34,21 +34,23 @@ class Members:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._archive: zipfile.ZipFile | None = None
+        self._file: BinaryIO | None = None
         if path.is_dir():
             files = (file for file in path.rglob("*") if file.is_file())
             self.names = frozenset(file.relative_to(path).as_posix() for file in files)
             return
         try:
-            file = open_regular(path)
+            self._file = open_regular(path)
         except OSError as error:
             raise InputError(f"{path} cannot be read ({error.strerror}): expected a zip") from error
         try:
-            self._archive = zipfile.ZipFile(file)
+            self._archive = zipfile.ZipFile(self._file)
             entries = self._archive.infolist()
         except (*_BROKEN, OSError) as error:
-            file.close()
+            self.close()
             raise InputError(f"{path} is no whole zip file ({error}): expected one") from error
         if len(entries) > _MOST_MEMBERS:
+            self.close()
             raise InputError(f"{path} has {len(entries)} files: expected at most {_MOST_MEMBERS}")
         self.names = frozenset(entry.filename for entry in entries if is_inside(entry.filename))
 
@@ -73,3 +75,8 @@ class Members:
         if len(data) > largest_bytes:
             raise InputError(f"{where} is larger than {largest_bytes} bytes: expected less")
         return data
+
+    def close(self) -> None:
+        """Close the zip file; nothing can be read afterwards."""
+        if self._file is not None:
+            self._file.close()

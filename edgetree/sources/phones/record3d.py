@@ -127,6 +127,11 @@ class _Record3D(Capture):
         self._camera(0)  # an impossible one ends it here
         self._depth(self._numbers[0])  # and so does a package that lacks
 
+    def close(self) -> None:
+        """End an iteration in progress; the capture cannot be read any more."""
+        super().close()
+        self._members.close()
+
     def _stored(self) -> Iterator[PhoneFrame | InputError]:
         for place, number in enumerate(self._numbers):
             try:
@@ -161,7 +166,9 @@ class _Record3D(Capture):
         try:
             stated = unpacked_bytes(data)
             if stated > most_picture_bytes():
-                raise InputError(f"it unpacks to {stated} bytes: expected {most_picture_bytes()}")
+                raise InputError(
+                    f"it unpacks to {stated} bytes: expected at most {most_picture_bytes()}"
+                )
             width, height = self._depth_size(stated)
             content = unpack(data, stated)
         except InputError as error:

@@ -15,12 +15,11 @@ from basetree.files.reading import read_text
 from basetree.files.regular import open_regular
 from calib import encode_rle
 from perceptree.data.exchange.fields import LARGEST_LABELS_BYTES, number, numbers, size
-from perceptree.data.exchange.shapes import Shapes
+from perceptree.data.exchange.shapes import LARGEST_MASK_PX, Shapes
 from perceptree.data.layouts import SPLIT_WORDS
 from perceptree.errors import DatasetError
 
 _EXPECTED = "CVAT for images"
-_LARGEST_PICTURE_PX = 2**28
 _FIRST_BYTES = 4096
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 
@@ -152,8 +151,9 @@ def _mask(
     )
     runs = numbers(shape.get("rle", "").split(","), path, f"rle of {what}")
     inside = left >= 0 and top >= 0 and left + wide <= picture[0] and top + high <= picture[1]
+    inside = inside and wide >= 1 and high >= 1
     fits = min(runs, default=0) >= 0 and sum(runs) == wide * high
-    if not (inside and fits) or picture[0] * picture[1] > _LARGEST_PICTURE_PX:
+    if not (inside and fits) or picture[0] * picture[1] > LARGEST_MASK_PX:
         raise DatasetError(
             f"{path}: the mask of {what} is broken, expected runs that fill its box inside of the"
             " picture"

@@ -13,11 +13,10 @@ import numpy as np
 
 from basetree.arrays import Float64
 from basetree.counts import counted
-from calib import encode_rle
 from perceptree.data.content import holds
 from perceptree.data.exchange.brush import unpack_brush
 from perceptree.data.exchange.fields import load_json, number, size
-from perceptree.data.exchange.shapes import Shapes
+from perceptree.data.exchange.shapes import LARGEST_MASK_PX, Shapes, mask_entry
 from perceptree.errors import DatasetError
 
 _EXPECTED = "a list of tasks of Label Studio"
@@ -28,7 +27,6 @@ _KINDS = {
     "brushlabels": "brush",
     "keypointlabels": "point",
 }
-_LARGEST_PICTURE_PX = 2**28
 
 Task = dict[str, Any]
 
@@ -185,15 +183,10 @@ def _brush(value: Task, picture: tuple[int, int], where: tuple[Path, str]) -> di
     packed = value.get("rle")
     pixels = picture[0] * picture[1]
     fits = isinstance(packed, list) and all(type(one) is int and 0 <= one < 256 for one in packed)
-    if not fits or pixels > _LARGEST_PICTURE_PX:
+    if not fits or pixels > LARGEST_MASK_PX:
         raise DatasetError(f"{path}: the mask of {what} is broken, expected bytes 0 to 255")
     try:
         mask = unpack_brush(bytes(packed or []), pixels).reshape(picture[1], picture[0])
     except ValueError as error:
         raise DatasetError(f"{path}: the mask of {what} is broken ({error})") from error
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    if not rows.size:
-        return {"bbox": [0, 0, 0, 0]}
-    left, top = int(columns[0]), int(rows[0])
-    box = [left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top]
-    return {"segmentation": encode_rle(mask), "bbox": box}
+    return mask_entry(mask)

@@ -14,10 +14,9 @@ import numpy as np
 from basetree.counts import counted
 from basetree.errors import InputFileError
 from basetree.files.reading import decode_image
-from calib import encode_rle
 from perceptree.data.content import holds
 from perceptree.data.exchange.fields import load_json, number, size
-from perceptree.data.exchange.shapes import Shapes
+from perceptree.data.exchange.shapes import LARGEST_MASK_PX, Shapes, mask_entry
 from perceptree.data.layouts import SPLIT_WORDS
 from perceptree.errors import DatasetError
 
@@ -137,16 +136,11 @@ def _mask(
     if pixels is None or pixels.ndim != 2 or None in picture:
         raise DatasetError(f"{path}: the mask of {what} cannot be read, expected a PNG in base64")
     wide, high = (int(value or 0) for value in picture)
-    if wide * high > 2**28:
+    if wide * high > LARGEST_MASK_PX:
         raise DatasetError(f"{path}: the picture is {wide}x{high} px, which is too large")
     whole = np.zeros((high, wide), np.bool_)
     left, top = (round(value) for value in corner)
     part = whole[max(top, 0) : max(top + pixels.shape[0], 0), max(left, 0) :]
     inner = pixels[max(-top, 0) :, max(-left, 0) :][: part.shape[0], : part.shape[1]]
     part[: inner.shape[0], : inner.shape[1]] = inner > 0
-    rows, columns = np.flatnonzero(whole.any(1)), np.flatnonzero(whole.any(0))
-    box = [0, 0, 0, 0]
-    if rows.size:
-        x, y = int(columns[0]), int(rows[0])
-        box = [x, y, int(columns[-1]) + 1 - x, int(rows[-1]) + 1 - y]
-    return {"segmentation": encode_rle(whole), "bbox": box}
+    return mask_entry(whole)

@@ -69,30 +69,18 @@ def _read_coco(
     return None, replace(dataset, notes=without_last)
 
 
-def other_form(folder: Path) -> str:
-    """Return the name of the form of a folder's labels, if it is one that is not trained on."""
-    found = _other(folder)
-    return found[0] if found else ""
-
-
 def _reader(source: Path) -> _Reader | None:
     """The reader of a source that is not in COCO's form."""
     if source.is_dir() and label_files(source):
         return None
-    found = _other(source)
-    return found[1] if found else None
-
-
-def _other(source: Path) -> tuple[str, _Reader] | None:
     if source.is_file():
         if source.suffix.lower() == ".xml":
-            return "CVAT", read_cvat
-        is_tasks = source in label_studio_files(source.parent)
-        return ("Label Studio", read_label_studio) if is_tasks else None
+            return read_cvat
+        return read_label_studio if source in label_studio_files(source.parent) else None
     if is_yolo(source):
-        return "YOLO", read_yolo
+        return read_yolo
     if label_studio_files(source):
-        return "Label Studio", read_label_studio
+        return read_label_studio
     if cvat_files(source):
-        return "CVAT", read_cvat
-    return ("labelme", read_labelme) if labelme_files(source) else None
+        return read_cvat
+    return read_labelme if labelme_files(source) else None

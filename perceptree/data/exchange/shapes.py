@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from calib import image_to_opencv
+from basetree.arrays import Bool
+from calib import encode_rle, image_to_opencv
 from perceptree.data.entries import Entry
+from perceptree.data.standard import box_around
 
 _BORDER_PX = 1.0
 _VISIBLE = 2  # COCO's flag
+
+LARGEST_MASK_PX = 2**28
+"""Pixels of the largest picture whose masks are unpacked."""
 
 
 @dataclass
@@ -144,8 +149,11 @@ def _listed(points: dict[str, list[float]], names: list[str]) -> list[float]:
     return [value for name in names for value in points.get(name, [0, 0, 0])]
 
 
-def box_around(polygons: Sequence[Sequence[float]]) -> list[float]:
-    """Return the box x, y, width, height around polygons x, y, x, y, ..."""
-    xs = [x for polygon in polygons for x in polygon[::2]]
-    ys = [y for polygon in polygons for y in polygon[1::2]]
-    return [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)] if xs and ys else [0, 0, 0, 0]
+def mask_entry(mask: Bool) -> dict[str, Any]:
+    """The run lengths and the box of a mask (H, W); of an empty one a box of zeros alone."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if not rows.size:
+        return {"bbox": [0, 0, 0, 0]}
+    left, top = int(columns[0]), int(rows[0])
+    box = [left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top]
+    return {"segmentation": encode_rle(mask), "bbox": box}

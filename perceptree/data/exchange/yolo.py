@@ -71,6 +71,7 @@ def read_yolo(folder: Path) -> Iterator[tuple[str | None, Path, dict[str, Any], 
         DatasetError: If a file is missing or broken.
         InputFileError: If a text cannot be read.
     """
+    folder = folder.resolve()  # as the places that settings name are
     path = settings_file(folder)
     settings = _read_settings(path) if path else _guess_settings(folder)
     if not settings.splits:
@@ -207,7 +208,7 @@ def _listed_picture(line: str, place: Path) -> Path:
 def _read_picture(picture: Path, folder: Path, settings: YoloSettings, shapes: Shapes) -> bool:
     """Add a picture and its labels; return whether it has a label file."""
     width, height = _upright_size(picture)
-    shapes.add_picture(picture.relative_to(folder.resolve()).as_posix(), width, height)
+    shapes.add_picture(picture.relative_to(folder).as_posix(), width, height)
     labels = _labels_of(picture)
     if labels is None:
         return False

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from perceptree.data.coco import SPLITS
 from perceptree.simulator.settings import SplitSettings
 
-SPLITS = ("train", "val", "test")
 _MIN_SHARE = 1e-9
 
 

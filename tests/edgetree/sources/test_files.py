@@ -57,6 +57,9 @@ def test_an_image_that_cannot_be_read_is_counted(images: Path) -> None:
     (frame,) = source
     assert frame.number == 1
     assert source.counts == {"unreadable images": 1}
+    (again,) = source  # as --loop reads it
+    assert again.number == 1
+    assert source.counts == {"unreadable images": 2}
 
 
 def test_videos_have_their_own_times(tmp_path: Path) -> None:

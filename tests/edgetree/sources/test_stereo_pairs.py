@@ -20,6 +20,7 @@ from calib.files.stereo import save_stereo
 from edgetree.detections import TreeDetections
 from edgetree.frames import Rig
 from edgetree.frames.pipeline import FoundTrees, measure_frame
+from edgetree.sources.source import readable
 from edgetree.sources.stereo import open_stereo, stereo_rig
 
 Cli = Callable[..., Any]
@@ -182,6 +183,18 @@ def test_pictures_of_16_bits_are_named(pair_folder: Path) -> None:
             cv2.imwrite(str(path), grey.astype(np.uint16) * 256)
     with pytest.raises(InputError, match=r"png is a depth image: expected a picture of 8 bits"):
         list(open_stereo(pair_folder / "left", pair_folder / "right", bent_pair()))
+
+
+def test_pairs_stay_in_step_behind_a_left_picture_that_cannot_be_read(pair_folder: Path) -> None:
+    for side in ("left", "right"):
+        (pair_folder / side / "2.png").write_bytes((pair_folder / side / "1.png").read_bytes())
+    (pair_folder / "left" / "1.png").write_bytes(b"broken")
+    small = np.zeros((210, 280, 3), np.uint8)  # which would be told if it were taken
+    cv2.imwrite(str(pair_folder / "right" / "1.png"), small)
+    told: list[Exception] = []
+    source = open_stereo(pair_folder / "left", pair_folder / "right", bent_pair())
+    assert [frame.name for frame in readable(source, told.append)] == ["0", "2"]
+    assert ["left/1.png" in str(error) for error in told] == [True]
 
 
 def test_pictures_of_another_size_are_left_out(pair_folder: Path) -> None:

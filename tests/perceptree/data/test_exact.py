@@ -23,7 +23,7 @@ Write = Callable[[int], Path]
 
 @pytest.fixture
 def exact_posts(posts: Path) -> Write:
-    """Gives the frames of `posts` exact depth of every so manieth pixel, without the wall."""
+    """Gives the frames of `posts` exact depth of every n-th pixel, without the wall."""
 
     def write(stride: int) -> Path:
         for split in ("train", "val"):

@@ -92,6 +92,16 @@ def test_yolo_polygons_without_settings(tmp_path: Path) -> None:
     assert "1 pictures have no label file: no trees" in dataset.notes
 
 
+def test_yolo_without_settings_by_a_relative_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture(tmp_path / "set/images/a.jpg")
+    (tmp_path / "set/labels").mkdir()
+    (tmp_path / "set/labels/a.txt").write_text("0 0.5 0.5 0.2 0.4\n")
+    monkeypatch.chdir(tmp_path)
+    assert only_frame(Path("set")).image_path.name == "a.jpg"
+
+
 def test_yolo_pictures_of_a_list(tmp_path: Path) -> None:
     picture(tmp_path / "images/train/a.jpg")
     (tmp_path / "train.txt").write_text("/home/other/images/train/a.jpg\n")
@@ -206,6 +216,13 @@ def test_cvat_mask_and_points(tmp_path: Path, grouped: bool) -> None:
     ((split, dataset),) = read_any(tmp_path)
     assert split == "val"
     check_tree(dataset.frames[0])
+
+
+def test_cvat_mask_of_negative_size_is_refused(tmp_path: Path) -> None:
+    mask = '<mask label="tree" rle="600" left="30" top="50" width="-20" height="-30"/>'
+    cvat_file(tmp_path / "annotations.xml", mask)
+    with pytest.raises(DatasetError, match="expected runs that fill its box"):
+        read_any(tmp_path)
 
 
 def test_cvat_skeleton_alone_has_the_box_of_its_points(tmp_path: Path) -> None:
