@@ -11,9 +11,10 @@ from typing import Any
 
 from calib.distortion import FISHEYE, RADTAN, Lens
 from calib.errors import CameraError
-from calib.plausibility import Intrinsics, check_camera, check_size, unusual_values
+from calib.plausibility import Intrinsics, check_camera, unusual_values, whole_size
 
 _ASPECT_TOLERANCE = 0.01
+_NUMBERS = ("fx", "fy", "cx", "cy", "focal_std_px")
 _TERM_COUNTS = {RADTAN: (0, 4, 5, 8, 12, 14), FISHEYE: (4,)}
 _TERM_NAMES = {
     RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3), 8 (and k4 k5 k6), 12 (and s1 s2 s3 s4) or 14 (and"
@@ -68,7 +69,7 @@ class PinholeCamera:
     principal_std_px: float | None = None
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        width, height = whole_size(self.width, self.height)
         for name in ("fx", "fy"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise CameraError(f"{name} is {getattr(self, name)}: expected a positive number")
@@ -97,7 +98,14 @@ class PinholeCamera:
             raise CameraError(
                 f"principal_std_px is {std_px}: expected 0 or more, and less than the image"
             )
+        numbers = {name: float(getattr(self, name)) for name in _NUMBERS}  # also those of numpy
+        std_px = None if std_px is None else float(std_px)
+        self._set(width=width, height=height, principal_std_px=std_px, **numbers)
         check_camera(self._intrinsics)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def lens(self) -> Lens:
@@ -118,8 +126,7 @@ class PinholeCamera:
     def _changed(self, **values: Any) -> PinholeCamera:
         """Return a copy with other values, for values that follow from those of this camera."""
         other = copy.copy(self)
-        for name, value in values.items():
-            object.__setattr__(other, name, value)
+        other._set(**values)
         return other
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
@@ -128,10 +135,10 @@ class PinholeCamera:
         Pixel centres are at whole numbers, so a scale s moves cx to s (cx + 0.5) - 0.5.
 
         Raises:
-            CameraError: If the size is below 1x1 or too large, or if the aspect ratio changes
-                by more than 1 %: the image was cropped, and scaling would be wrong.
+            CameraError: If the size is not whole, below 1x1 or too large, or the aspect ratio
+                changes by more than 1 %: the image was cropped, and scaling would be wrong.
         """
-        check_size(width, height)
+        width, height = whole_size(width, height)
         sx, sy = width / self.width, height / self.height
         if abs(sx / sy - 1) > _ASPECT_TOLERANCE:
             raise CameraError(

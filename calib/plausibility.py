@@ -81,18 +81,22 @@ class _Effect(NamedTuple):
     ratio: float
 
 
-def check_size(width: int, height: int) -> None:
-    """Check an image size.
+def whole_size(width: float, height: float) -> tuple[int, int]:
+    """Check an image size, and return its sides as int.
 
     Raises:
-        CameraError: If a side is below 1 or above 100,000 px.
+        CameraError: If a side is no whole number, below 1 or above 100,000 px.
     """
+    if not all(math.isfinite(side) and side == int(side) for side in (width, height)):
+        raise CameraError(f"image size is {width}x{height}: expected whole numbers of px")
+    width, height = int(width), int(height)
     if width < 1 or height < 1:
         raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
     if max(width, height) > LARGEST_PX:
         raise CameraError(
             f"image size is {width}x{height}: expected at most {LARGEST_PX} px on each side"
         )
+    return width, height
 
 
 def check_camera(camera: Intrinsics) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import lru_cache
+from typing import Any
 
 from calib.camera import PinholeCamera
 from calib.errors import CameraError
@@ -33,6 +34,16 @@ class SizelessCamera(PinholeCamera):
             CameraError: If the principal point is the middle of no such image.
         """
         return _of_size(self, width, height)
+
+    def _changed(self, **values: Any) -> PinholeCamera:
+        raise CameraError(
+            "the camera's file does not say how large its images are: expected"
+            " camera.scaled(width, height) of the images first"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Raise CameraError: what would be written for a size is not known."""
+        return self._changed().to_dict()
 
 
 def sizeless_camera(

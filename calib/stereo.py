@@ -53,8 +53,8 @@ class StereoPair:
         right_from_left: Transform from the left camera's frame to the right one's: OpenCV's R, T.
 
     Raises:
-        CameraError: They do not stand side by side and look nearly the same way, or one lens is
-            a fisheye and the other is not.
+        CameraError: They do not stand side by side and look nearly the same way, are for pictures
+            of different sizes, or one lens is a fisheye and the other is not.
     """
 
     left: PinholeCamera
@@ -79,6 +79,13 @@ class StereoPair:
                 f"the right camera stands {across:.3g} m beside, {down:.3g} m below and"
                 f" {ahead:.3g} m ahead of the left one, turned by {np.degrees(turn_rad):.3g}"
                 f" degrees: expected cameras side by side, turned by {_MOST_TURN_DEG:g} at most"
+            )
+        sizes = [(camera.width, camera.height) for camera in (self.left, self.right)]
+        if sizes[0] != sizes[1]:
+            (width, height), other = sizes[0], sizes[1]
+            raise CameraError(
+                f"the right camera is for {other[0]}x{other[1]} px and the left one for"
+                f" {width}x{height}: expected one size, as `PinholeCamera.scaled` gives it"
             )
         if len({camera.distortion_model for camera in (self.left, self.right)}) > 1:
             raise CameraError("one lens is a fisheye and the other is not: expected equal lenses")

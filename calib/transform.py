@@ -14,6 +14,7 @@ from basetree.errors import InputError
 
 _ORTHONORMAL_TOLERANCE = 1e-3
 _FARTHEST_M = 1e8  # more than twice around the Earth
+_FARTHEST_ON_MACHINE_M = 1000.0
 _MOST_TURN_DEG = 360.0
 # Columns: right, down and forward of a level camera that looks along the machine's x.
 _LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -159,6 +160,23 @@ class RigidTransform:
     def then(self, other: RigidTransform) -> RigidTransform:
         """Return the transform that applies this one first, then `other`."""
         return RigidTransform(other.rotation @ self.rotation, other.apply(self.translation_m))
+
+
+def check_on_machine(transform: RigidTransform, what: str) -> None:
+    """Check the distance between frames of one machine.
+
+    Args:
+        transform: Transform between the two.
+        what: What messages call it.
+
+    Raises:
+        InputError: If they are more than 1000 m apart, as by millimetres.
+    """
+    if float(np.abs(transform.translation_m).max()) > _FARTHEST_ON_MACHINE_M:
+        raise InputError(
+            f"{what}: the frames are {transform.translation_m.tolist()} m apart: expected cameras"
+            f" and a machine within {_FARTHEST_ON_MACHINE_M:g} m"
+        )
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:

@@ -182,6 +182,6 @@ def refuse_millimetres(metres: NDArray[np.floating[Any]], name: str) -> None:
     if median > _MAX_MEDIAN_M:
         raise DepthError(
             f"{name} is floating point with a median of {median:g}: expected metres; this looks"
-            " like millimetres: give the unit with --depth-scale 0.001 (in Python"
-            " depth_scale_m=0.001), or with 1 if these are metres"
+            " like millimetres: divide by 1000, or give the unit with --depth-scale 0.001 (in"
+            " Python scale=0.001 of read_depth or depth_scale_m=0.001 of a Rig; 1 for metres)"
         )

@@ -10,13 +10,12 @@ from basetree.errors import InputError
 from basetree.files.json import json_text
 from basetree.files.writing import write_text
 from calib.files.text import parse_record
-from calib.transform import RigidTransform
+from calib.transform import RigidTransform, check_on_machine
 
 SCHEMA = "calib.transform/1"
 
 _EXPECTED = "a transform as JSON"
 _ROTATIONS = ("rotation", "quaternion_xyzw", "roll_pitch_yaw_deg")
-_FARTHEST_M = 1000.0
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 
@@ -37,11 +36,7 @@ def load_transform(path: Path | str) -> RigidTransform:
         transform = _build(values)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from error
-    if float(abs(transform.translation_m).max()) > _FARTHEST_M:
-        raise InputError(
-            f"{path}: the frames are {transform.translation_m.tolist()} m apart: expected cameras"
-            f" and a machine within {_FARTHEST_M:g} m"
-        )
+    check_on_machine(transform, str(path))
     return transform
 
 

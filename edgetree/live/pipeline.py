@@ -79,6 +79,9 @@ class LivePipeline:
     Attributes:
         in_picture: Follows the stems of frames without metres; None once a frame had them, from
             when on stems are followed in metres alone.
+
+    Raises:
+        InputError: The detector is none.
     """
 
     def __init__(
@@ -92,6 +95,11 @@ class LivePipeline:
         reopen_s: float = _REOPEN_S,
         on_unused: Callable[[Frame, str], object] | None = None,
     ) -> None:
+        if not hasattr(detector, "manifest"):
+            raise InputError(
+                f"the detector is {detector!r:.100}: expected a TreeDetector, as"
+                " TreeDetector.load opens it"
+            )
         self._open_source = open_source
         self._detector = detector
         self._rig = rig or Rig()
@@ -209,8 +217,8 @@ class LivePipeline:
 
     def _detect(self) -> None:
         """The thread that detects."""
-        images = self._detector.manifest.images
         try:
+            images = self._detector.manifest.images
             for arrived in self._frames:
                 frame = arrived.frame
                 if not has_image_for(self._detector, frame):

@@ -108,9 +108,6 @@ class Estimate(NamedTuple):
         half = self.std * _half_width(level)
         return self.value - half, self.value + half
 
-    def __bool__(self) -> Literal[True]:
-        return True
-
 
 @dataclass(frozen=True, eq=False)
 class PointEstimate:

@@ -11,6 +11,8 @@ from basetree.arrays import Bool, Float
 from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 from calib.directions import unit
+from calib.sizeless import SizelessCamera
+from calib.transform import check_on_machine
 from edgetree.detections import TreeDetections
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings
@@ -29,13 +31,18 @@ def vertical_of(up_camera: ArrayLike | None, mounting: RigidTransform | None) ->
     """(3,) the given vertical, or that of a level machine; None if neither is known.
 
     Raises:
-        InputError: It is not a valid direction.
+        InputError: It is not a valid direction, or the camera stands far from the machine.
     """
+    if mounting is not None:
+        check_on_machine(mounting, "the mounting")
     if up_camera is not None:
         return unit_up(up_camera)
-    if mounting is not None:
+    if mounting is None:
+        return None
+    try:
         return unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
-    return None
+    except InputError as error:
+        raise InputError(f"by the mounting {error}") from error
 
 
 def checked_frame(
@@ -85,9 +92,10 @@ def unit_up(up_camera: ArrayLike) -> Float:
 
 def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
     expected = (detections.image_width, detections.image_height)
-    if not isinstance(depth_m, np.ndarray):
+    if not isinstance(depth_m, np.ndarray) or isinstance(depth_m, np.ma.MaskedArray):
         raise InputError(
-            f"the depth map is {type(depth_m).__name__}: expected a numpy array of float metres"
+            f"the depth map is {type(depth_m).__name__}: expected a plain numpy array of float"
+            " metres, 0 where there is no reading"
         )
     if depth_m.ndim != 2 or depth_m.shape[::-1] != expected:
         raise InputError(
@@ -110,6 +118,11 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
         raise InputError(
             f"the camera is {type(camera).__name__}: expected a PinholeCamera, as"
             " calib.load_camera reads it"
+        )
+    if isinstance(camera, SizelessCamera):
+        raise InputError(
+            "the camera's file does not say how large its pictures are: expected"
+            f" camera.scaled({expected[0]}, {expected[1]})"
         )
     if (camera.width, camera.height) != expected:
         raise InputError(

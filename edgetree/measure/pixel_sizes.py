@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from basetree.errors import InputError
 from calib import PinholeCamera, pixels_to_rays, project_points
 from calib.directions import unit
 from edgetree.detections import TreeDetections
 from edgetree.measure.estimates import Estimate, Failure, JsonValue, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.inputs import checked_frame
+from edgetree.measure.inputs import checked_frame, vertical_of
 from edgetree.measure.keypoints import LEFT, RIGHT, Keypoints
 from edgetree.measure.outline import trace_outline
 from edgetree.measure.profile import StemProfile
@@ -85,7 +86,16 @@ def pixel_sizes(
 
     Returns:
         The sizes, or why there is none.
+
+    Raises:
+        InputError: There is not one measurement per tree, masks or camera are of another size, or
+            the vertical is not a valid direction.
     """
+    if measurements is not None and len(measurements) != len(trees):
+        raise InputError(
+            f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
+        )
+    up_camera = vertical_of(up_camera, None)
     if not len(trees):
         return []
     settings = (settings or MeasureSettings()).scaled(trees.error_factor)

@@ -63,6 +63,7 @@ def frame_from_arrays(
             floating-point depth is in millimetres without a scale, or a range has no camera.
         InputError: The camera is for another aspect ratio.
     """
+    number, time_s = int(number), float(time_s)  # also numbers of numpy
     if image is None and depth is None:
         raise InputError(f"frame {number} has neither image nor depth: expected one of them")
     pixels = None if image is None else bgr_image(image, colour_order, f"image of frame {number}")

@@ -23,7 +23,7 @@ from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
-from edgetree.measure import TreeMeasurement
+from edgetree.measure import Failure, TreeMeasurement
 
 _LOG = logging.getLogger(__name__)
 
@@ -36,6 +36,8 @@ _MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
 # Trees without an axis are taken for a stem within half the width of their box, and at least this
 # angle, that is not further away than this.
 _MIN_HALF_WIDTH_RAD, _MAX_UNMEASURED_M = 0.03, 12.0
+# So many stems that lie on the ground by the vertical, and hardly one that stands, are told.
+_MANY_LYING, _STANDING_SHARE = 8, 0.1
 
 
 class StemTracker:
@@ -67,6 +69,7 @@ class StemTracker:
         self._time_s: float | None = None
         self._mapped = False
         self._remark = ""
+        self._standing, self._lying, self._has_told = 0, 0, False
         self.map_part = 1
 
     @property
@@ -106,6 +109,7 @@ class StemTracker:
         doubt = self._border_doubt(trees)
         level, up_std_rad = self._camera.vertical.level, math.radians(self._camera.vertical.std_deg)
         seen = Sightings.from_measurements(measurements, level, up_std_rad, doubt)
+        self._tell_lying(frame, measurements, len(seen))
         self._stems.begin_frame()
         if frame.pose is None:
             self._find_motion(seen, step_s)
@@ -114,6 +118,23 @@ class StemTracker:
         self._stems.note_reasons(measurements)
         self._stems.forget(frame.stamp_s)
         return report_tracks(self._stems, self._motion, level, self._settings, self._remark)
+
+    def _tell_lying(self, frame: Frame, measurements: list[TreeMeasurement], standing: int) -> None:
+        """Say once that the stems lie on the ground by the vertical: its axes are others."""
+        self._standing += standing
+        self._lying += sum(not isinstance(each.axis, Failure) for each in measurements) - standing
+        is_wrong = self._lying >= _MANY_LYING and self._standing < _STANDING_SHARE * self._lying
+        if self._has_told or not is_wrong:
+            return
+        self._has_told = True
+        told = "frames' vertical: expected the direction away from gravity in the camera's axes"
+        if frame.pose is not None:
+            told = "frames' poses: expected those from the camera's axes, to a frame with z up,"
+        _LOG.warning(
+            "%d of %d stems lie on the ground and are not followed by the %s (x right, y down,"
+            " z forward)",
+            *(self._lying, self._lying + self._standing, told),
+        )
 
     def _border_doubt(self, trees: TreeDetections) -> Float:
         """(N,) factors on the deviations of trees that the picture's border may cut off."""

@@ -65,7 +65,7 @@ def test_16_bit_depth_has_a_scale() -> None:
 
 
 def test_float_depth_in_millimetres_is_refused_by_name() -> None:
-    expected = r"depth of frame 0 is floating point .* looks like millimetres: give the unit"
+    expected = r"depth of frame 0 is floating point .* looks like millimetres: divide by 1000"
     with pytest.raises(InputError, match=expected):
         frame(depth=metres() * 1000)
     scaled = frame(depth=metres().astype(np.float64) * 1000, depth_scale_m=0.001).depth_m
