@@ -192,10 +192,12 @@ class Rectified:
             right: (H, W, 3) uint8 BGR of the right camera.
 
         Raises:
-            CameraError: A picture does not have its camera's size.
+            CameraError: A picture does not have its camera's size, or is not of 8 bits.
         """
         size = (self.camera.width, self.camera.height)
         for name, image in (("left", left), ("right", right)):
+            if image.dtype != np.uint8:
+                raise CameraError(f"the {name} picture is {image.dtype}: expected uint8")
             if image.shape[1::-1] != size:
                 raise CameraError(
                     f"the {name} picture is {image.shape[1]}x{image.shape[0]} px: expected the"

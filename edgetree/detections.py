@@ -226,13 +226,14 @@ class TreeDetections:
             (image_height, image_width, 3) uint8 BGR.
 
         Raises:
-            InputError: The picture has another size.
+            InputError: The picture has another size or type.
         """
         from edgetree.drawing import draw_trees
 
         expected = (self.image_height, self.image_width, 3)
-        if np.shape(picture) != expected:
-            raise InputError(f"picture has shape {np.shape(picture)}: expected {expected}")
+        if np.shape(picture) != expected or picture.dtype != np.uint8:
+            found = f"{getattr(picture, 'dtype', type(picture).__name__)} {np.shape(picture)}"
+            raise InputError(f"picture is {found}: expected uint8 {expected}")
         return draw_trees(picture, self)
 
     def to_supervision(self) -> supervision.Detections:

@@ -189,7 +189,14 @@ def write_image(path: Path, image: NDArray[Any], options: Sequence[int] = ()) ->
     Raises:
         InputFileError: If it cannot be written.
     """
-    write_whole(path, cv2.imencode(path.suffix, image, options)[1].tobytes())
+    try:
+        data = cv2.imencode(path.suffix, image, options)[1].tobytes()
+    except cv2.error as error:
+        raise InputFileError(
+            f"{path}: {image.dtype} {image.shape} cannot be written as a picture of that name:"
+            " expected pixels (H, W) or (H, W, 3), and a name such as a.png"
+        ) from error
+    write_whole(path, data)
 
 
 @contextmanager

@@ -282,12 +282,12 @@ class _Inputs:
         if frame.depth_fault is not None:
             return [TreeMeasurement.failed(frame.depth_fault) for _ in range(len(found.trees))]
         turn, masks, mounting, up = rig.turn(frame), found.masks, rig.mounting, self.up_camera
-        rig.tell_assumed(camera, up is not None, has_depth=frame.depth_m is not None)
         if turn:
             masks = None if masks is None else np.stack([turn.picture(mask) for mask in masks])
             up = None if up is None else turn.directions(up)
             mounting = None if mounting is None else turn.mounting(mounting)
             camera = turn.camera(camera)
+        rig.tell_assumed(camera, up is not None, has_depth=frame.depth_m is not None)
         given: dict[str, Any] = {
             "masks": masks,
             "up_camera": up,

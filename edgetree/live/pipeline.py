@@ -144,9 +144,11 @@ class LivePipeline:
         """Yield the result of each frame.
 
         Raises:
-            InputError: The source cannot be opened or read.
+            InputError: The source cannot be opened or read, or was iterated over before.
             ModelFileError: The model fails.
         """
+        if self._stopping.is_set():
+            raise InputError("this LivePipeline has ended: expected a new one to go on")
         source = self._source = self._open_source()
         self._frames = Handover(newest_only=source.is_live, on_replaced=self._replaced)
         threads = [
@@ -258,6 +260,7 @@ class LivePipeline:
         start_s = time.perf_counter()
         try:
             frame = self._completed(arrived.frame, found)
+            frame.stamp_s  # noqa: B018 a frame without one cannot be followed
             measured = measure_frame(frame, found, self._mounted, self._settings, self._views)
         except InputError as error:
             self._leave_out(arrived.frame, str(error))

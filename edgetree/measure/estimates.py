@@ -181,7 +181,7 @@ class Evidence:
     Attributes:
         method: Sources with a weight in the diameter, such as "keypoints + mask + depth".
         distance_from: What the distance comes from: "depth", or without it the way, the relative
-            error of sizes, and what most of it comes from.
+            error of sizes, and what most of it comes from; empty without either.
         source_diameters_m: Diameter in metres that each source gives by itself.
         source_std_m: Standard deviation of each of these in metres.
         arc_deg: Arc of the stem's circumference with depth readings, in degrees; at most 180 is

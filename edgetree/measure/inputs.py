@@ -33,6 +33,11 @@ def vertical_of(up_camera: ArrayLike | None, mounting: RigidTransform | None) ->
     Raises:
         InputError: It is not a valid direction, or the camera stands far from the machine.
     """
+    if mounting is not None and not isinstance(mounting, RigidTransform):
+        raise InputError(
+            f"the mounting is {type(mounting).__name__}: expected a RigidTransform, as"
+            " calib.load_transform reads it"
+        )
     if mounting is not None:
         check_on_machine(mounting, "the mounting")
     if up_camera is not None:
@@ -76,7 +81,12 @@ def unit_up(up_camera: ArrayLike) -> Float:
         InputError: The value is not a direction, or the camera would be upside down or look at
             the sky.
     """
-    up: Float = np.asarray(up_camera, np.float64)
+    try:
+        up: Float = np.asarray(up_camera, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"up_camera is {up_camera!r:.100}: expected a direction of three numbers"
+        ) from error
     if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
         raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
     up = unit(up / np.abs(up).max())
@@ -88,6 +98,15 @@ def unit_up(up_camera: ArrayLike) -> Float:
             " camera that is mounted upside down --rotate 180 (in Python Rig(rotation_deg=180))"
         )
     return up
+
+
+def check_camera(camera: object) -> None:
+    """Raise InputError if it is no camera."""
+    if not isinstance(camera, PinholeCamera):
+        raise InputError(
+            f"the camera is {type(camera).__name__}: expected a PinholeCamera, as"
+            " calib.load_camera reads it"
+        )
 
 
 def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
@@ -114,11 +133,7 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
             f"the depth map has a median of {median_m:g} m: expected metres; this looks like"
             " millimetres, which become metres by `depth / 1000`"
         )
-    if not isinstance(camera, PinholeCamera):
-        raise InputError(
-            f"the camera is {type(camera).__name__}: expected a PinholeCamera, as"
-            " calib.load_camera reads it"
-        )
+    check_camera(camera)
     if isinstance(camera, SizelessCamera):
         raise InputError(
             "the camera's file does not say how large its pictures are: expected"
@@ -136,6 +151,8 @@ def _check_masks(detections: TreeDetections, masks: Sequence[Bool] | Bool) -> No
         raise InputError(f"there are {len(masks)} masks: expected {len(detections)}, one per tree")
     expected = (detections.image_height, detections.image_width)
     for mask in masks:
+        if not isinstance(mask, np.ndarray):
+            raise InputError(f"a mask is {type(mask).__name__}: expected an array of bool")
         if mask.shape != expected or mask.dtype != np.bool_:
             raise InputError(
                 f"a mask has shape {mask.shape} of {mask.dtype}: expected {expected} of bool"

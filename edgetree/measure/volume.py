@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, Literal, NamedTuple, TypeAlias, get_args
 
+from basetree.errors import InputError
 from edgetree.measure.estimates import Estimate, Failure
 
 Species: TypeAlias = Literal["pine", "spruce", "birch"]
@@ -96,7 +97,12 @@ def stem_volume(
 
     Returns:
         The volume in m³, or why there is none: a diameter or height outside the function's range.
+
+    Raises:
+        InputError: It is another species.
     """
+    if species not in _FUNCTIONS:
+        raise InputError(f"species is {species!r}: expected one of {', '.join(_FUNCTIONS)}")
     function, d = _FUNCTIONS[species], 100 * dbh_m.value
     if not _MIN_DIAMETER_CM <= d <= function.largest_cm:
         return Failure(

@@ -43,7 +43,7 @@ def tree_row(
     """
     notes = [f"{what}: {reason}" for what, reason in failure_reasons(measured)]
     notes += [f"warning: {text}" for text in measured.evidence.warnings]
-    if measured.evidence.distance_from != "depth":
+    if measured.evidence.distance_from not in ("depth", ""):
         notes.append(f"distance from {measured.evidence.distance_from}")
     if not has_diameter(measured):
         notes.append(pixel_words(size))

@@ -152,7 +152,7 @@ def stems_message(result: LiveResult, max_bytes: int, sequence: int | None = Non
     Args:
         result: The result.
         max_bytes: Limit of the text. The farthest stems are left out until it fits, and
-            `left_out` says how many.
+            `left_out` says how many; without any stem the text has some 100 bytes.
         sequence: Number of the message, from which a receiver tells that some were lost.
     """
     stems = sorted(result.tracks, key=lambda track: float((track.position_camera_m**2).sum()))

@@ -176,7 +176,7 @@ def pixel_words(size: PixelSize | Failure) -> str:
 def _evidence(evidence: Evidence) -> str:
     shown = evidence.visible_share
     visible = "" if shown is None else f"{shown:.0%} of the stem visible, "
-    if evidence.distance_from != "depth":
+    if evidence.distance_from not in ("depth", ""):
         return f"from {evidence.method}; {visible}distance from {evidence.distance_from}"
     return (
         f"from {evidence.method}; {visible}depth at {evidence.valid_depth_share:.0%} of it,"

@@ -25,6 +25,7 @@ from edgetree.runtime.pairs import (
     FrameImage,
     PreparedImages,
     check_pair,
+    depth_name,
     prepare_pair,
 )
 from edgetree.runtime.providers import CPU, SessionSettings
@@ -158,7 +159,9 @@ class TreeDetector:
                 depths; or there is none that the model takes.
             ModelFileError: The model fails, or its outputs contradict its manifest.
         """
-        if depth_m is not None and not isinstance(image, ColourAndDepth):
+        if depth_m is not None:
+            if isinstance(image, ColourAndDepth):
+                raise InputError("depth_m is given with a ColourAndDepth: expected one of them")
             image = ColourAndDepth(image, depth_m)
         return self._detect_all([self._checked(image, "image")])[0]
 
@@ -190,7 +193,7 @@ class TreeDetector:
             return check_pair(pair, name, manifest)
         if isinstance(image, ColourAndDepth):
             image, name = (
-                (image.depth_m, "depth_m") if manifest.takes_depth else (image.image, name)
+                (image.depth_m, depth_name(name)) if manifest.takes_depth else (image.image, name)
             )
         return check_image(image, name, manifest)
 

@@ -47,7 +47,7 @@ def check_image(
         if image.ndim == 2 and image.dtype.kind in "iu":
             fix = "; millimetres become metres by `image.astype(numpy.float32) / 1000`"
         raise InputError(
-            f"depth {name} is {found}: expected float (H, W) metres or uint8 (H, W) encoded{fix}"
+            f"{name} is {found}: expected float (H, W) metres or uint8 (H, W) encoded{fix}"
         )
     if image.size == 0:
         raise InputError(f"{name} is {found}: expected at least one pixel")
@@ -65,10 +65,10 @@ def _check_depth(depth_m: NDArray[Any], name: str) -> None:
         lowest = depth_m[negative & np.isfinite(depth_m)].min(initial=0)
         if lowest < 0:
             raise InputError(
-                f"depth {name} has negative depths, {lowest:g} m the lowest: expected metres in"
+                f"{name} has negative depths, {lowest:g} m the lowest: expected metres in"
                 " front of the camera, and 0.0, NaN or an infinity where there is no reading"
             )
-    refuse_millimetres(depth_m, f"depth {name}")
+    refuse_millimetres(depth_m, name)
 
 
 def by_input(images: UInt8, manifest: Manifest) -> dict[str, UInt8]:

@@ -62,6 +62,11 @@ class PreparedImages:
     unlike: UnlikeTraining | None
 
 
+def depth_name(name: str) -> str:
+    """What messages call the depth beside the image of a name."""
+    return "depth_m" if name == "image" else f"{name}.depth_m"
+
+
 def check_pair(pair: ColourAndDepth, name: str, manifest: Manifest) -> ColourAndDepth:
     """Check the images of a frame.
 
@@ -77,16 +82,16 @@ def check_pair(pair: ColourAndDepth, name: str, manifest: Manifest) -> ColourAnd
         InputError: There is no image, an image is not what `check_image` expects, or the two have
             different sizes.
     """
-    image, depth_m = pair.image, pair.depth_m
+    image, depth_m, depth = pair.image, pair.depth_m, depth_name(name)
     if image is None and depth_m is None:
-        raise InputError(f"{name} and depth_m are None: expected at least one of them")
+        raise InputError(f"{name} and {depth} are None: expected at least one of them")
     if image is not None:
         image = check_image(image, name, manifest, COLOUR)
     if depth_m is not None:
-        depth_m = check_image(depth_m, "depth_m", manifest, DEPTH)
+        depth_m = check_image(depth_m, depth, manifest, DEPTH)
     if image is not None and depth_m is not None and image.shape[:2] != depth_m.shape:
         raise InputError(
-            f"{name} is {image.shape[1]}x{image.shape[0]} px and depth_m {depth_m.shape[1]}x"
+            f"{name} is {image.shape[1]}x{image.shape[0]} px and {depth} {depth_m.shape[1]}x"
             f"{depth_m.shape[0]} px: expected one size, with the depth aligned to the image"
         )
     return ColourAndDepth(image, depth_m, pair.no_image, pair.no_depth)

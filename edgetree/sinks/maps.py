@@ -48,9 +48,10 @@ class _MapSink(FileSink["LiveResult"]):
     """Keeps the last state of each confirmed stem, also after it is not followed any more."""
 
     def __init__(
-        self, path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+        self, path: Path | str, origin: MapOrigin | None = None, *, keeps_older: bool = False
     ) -> None:
         super().__init__()
+        path = Path(path)
         self._origin = origin
         self._stems: dict[int, TreeTrack] = {}
         if keeps_older:
@@ -174,13 +175,14 @@ class GeoPackageSink(_MapSink):
 
 
 def open_map(
-    path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+    path: Path | str, origin: MapOrigin | None = None, *, keeps_older: bool = False
 ) -> GeoJsonSink | GeoPackageSink:
     """Open a map by the suffix of its name: .geojson, .json or .gpkg.
 
     Raises:
         InputError: The name has another suffix, or the file cannot be written.
     """
+    path = Path(path)
     check_map_name(path)
     if path.suffix.lower() == _GEOPACKAGE:
         return GeoPackageSink(path, origin, keeps_older=keeps_older)
@@ -190,4 +192,4 @@ def open_map(
 def check_map_name(path: Path) -> None:
     """Raise InputError if a name has no suffix of a map."""
     if path.suffix.lower() not in (".geojson", ".json", _GEOPACKAGE):
-        raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")
+        raise InputError(f"the map (--map) is {path}: expected a name in .geojson or .gpkg")

@@ -74,10 +74,11 @@ class FileSink(ABC, Generic[_Result]):
     ) -> None:
         self._files.__exit__(kind, error, trace)
 
-    def _text(self, target: Path | TextIO, *, grows: bool) -> TextIO:
+    def _text(self, target: Path | str | TextIO, *, grows: bool) -> TextIO:
         """A text file, which grows as it is written or else appears whole; or an open stream."""
-        if not isinstance(target, Path):
+        if not isinstance(target, Path | str):
             return target
+        target = Path(target)
         if grows:
             return cast("TextIO", self._files.enter_context(GrowingFile(target)))
         return self._files.enter_context(text_file(target))

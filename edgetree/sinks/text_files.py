@@ -32,7 +32,7 @@ class JsonLinesSink(FileSink[Any]):
 
     def __init__(
         self,
-        target: Path | TextIO,
+        target: Path | str | TextIO,
         record: Callable[[Any], dict[str, Any]] = live_record,
         *,
         grows: bool = True,
@@ -41,8 +41,8 @@ class JsonLinesSink(FileSink[Any]):
         super().__init__()
         self._states, self._told = states, ServiceState("starting")
         self._stream, self._record = self._text(target, grows=grows), record
-        self.goes_on = grows and isinstance(target, Path)
-        self.appears_whole = not grows and isinstance(target, Path)
+        self.goes_on = grows and isinstance(target, Path | str)
+        self.appears_whole = not grows and isinstance(target, Path | str)
 
     def write(self, result: Any) -> None:
         """Write one line."""
@@ -81,7 +81,7 @@ class CsvSink(FileSink[Any]):
 
     Args:
         path: The file to write.
-        table: The table, such as `TREES`.
+        table: The table, such as `edgetree.results.csv_table.TREES`.
         style: How it is written.
         grows: Whether the file has every row at once, and an older one is kept beside it;
             otherwise it appears whole.
@@ -91,7 +91,7 @@ class CsvSink(FileSink[Any]):
     """
 
     def __init__(
-        self, path: Path, table: Table[Any], style: CsvStyle = PLAIN, *, grows: bool = False
+        self, path: Path | str, table: Table[Any], style: CsvStyle = PLAIN, *, grows: bool = False
     ) -> None:
         super().__init__()
         self._stream, self._table, self._style = self._text(path, grows=grows), table, style
@@ -117,5 +117,5 @@ class CsvTracksSink(CsvSink):
         InputError: The file cannot be written.
     """
 
-    def __init__(self, path: Path, style: CsvStyle = PLAIN) -> None:
+    def __init__(self, path: Path | str, style: CsvStyle = PLAIN) -> None:
         super().__init__(path, TRACKS, style, grows=True)

@@ -37,8 +37,8 @@ _DEFAULT_RATE_HZ: Final = 15.0
 
 
 def open_source(
-    path: Path,
-    depth: Path | None = None,
+    path: Path | str,
+    depth: Path | str | None = None,
     *,
     depth_only: bool = False,
     rig: Rig | None = None,
@@ -68,6 +68,7 @@ def open_source(
     Raises:
         InputError: a file is missing or has another format.
     """
+    path, depth = Path(path), None if depth is None else Path(depth)
     rig = rig or Rig()
     upright = upright and rig.camera is None
     alone = depth_alone(path, depth)

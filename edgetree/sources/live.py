@@ -42,7 +42,7 @@ _ADDRESS: Final = re.compile(r"(?:rtsps?|https?|udp|tcp|rtmp)://")
 
 
 def open_live_source(
-    text: str,
+    text: str | Path,
     *,
     depth: Path | None = None,
     right: Path | None = None,
@@ -78,6 +78,7 @@ def open_live_source(
         MissingPackage: The package for the source is not installed.
     """
     rig = with_scale(rig, depth_scale_m)
+    text = str(text)
     name = text.strip()
     camera = is_camera(name)
     path = Path(name)

@@ -38,8 +38,8 @@ def is_stream(path: Path) -> bool:
 
 
 def open_frames(
-    source: Path,
-    depth: Path | None = None,
+    source: Path | str,
+    depth: Path | str | None = None,
     *,
     rig: Rig | None = None,
     detector: TreeDetector | None = None,
@@ -69,6 +69,7 @@ def open_frames(
         InputError: There is no such source, or an option does not fit it.
         MissingPackage: The package for recordings is not installed.
     """
+    source, depth = Path(source), None if depth is None else Path(depth)
     rig = with_scale(rig, depth_scale_m)
     streams = is_stream(source)
     is_recording = streams and not (is_drive(source) or is_capture(source))

@@ -102,7 +102,7 @@ def stereo_rig(rig: Rig, pair: StereoPair) -> Rig:
 
 
 def open_stereo(
-    left: Path, right: Path, pair: StereoPair, *, rig: Rig | None = None
+    left: Path | str, right: Path | str, pair: StereoPair, *, rig: Rig | None = None
 ) -> FrameSource:
     """Open two pictures, folders of pictures, or videos of a calibrated pair.
 

@@ -5,10 +5,12 @@ import math
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from basetree.errors import InputFileError
 from calib import CameraError, PinholeCamera, load_camera, save_camera
+from calib.sizeless import sizeless_camera
 
 CAMERA = PinholeCamera(1280, 720, 700.0, 701.0, 641.5, 355.0, (-0.1, 0.02, 1e-3, -2e-3, 5e-3))
 
@@ -223,3 +225,22 @@ def test_the_error_of_the_principal_point_goes_with_the_camera() -> None:
     assert CAMERA.scaled(640, 360).principal_std_px is None
     with pytest.raises(CameraError, match=r"principal_std_px is -1.0: expected 0 or more"):
         replace(CAMERA, principal_std_px=-1.0)
+
+
+def test_numbers_of_numpy_become_plain_ones() -> None:
+    matrix = np.array([[698.4, 0, 639.5], [0, 698.4, 359.5], [0, 0, 1]], np.float32)
+    size = np.array([1280, 720])
+    camera = PinholeCamera(*size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+    assert json.loads(json.dumps(camera.to_dict()))["width"] == 1280
+    half = camera.scaled(1280 / 2, 720 / 2)
+    assert (half.width, type(half.width)) == (640, int)
+    with pytest.raises(CameraError, match=r"image size is 640\.5x360: expected whole numbers"):
+        camera.scaled(640.5, 360)
+
+
+def test_a_camera_without_a_size_is_not_written_nor_cut() -> None:
+    camera = sizeless_camera(698.4, 698.4, 650.2, 365.9, (), "radtan")
+    for use in (camera.to_dict, lambda: camera.cropped(0, 0, 640, 360), lambda: camera.rotated(90)):
+        with pytest.raises(CameraError, match=r"expected camera\.scaled\(width, height\)"):
+            use()
+    assert camera.scaled(1280, 720).to_dict()["fx"] == 698.4

@@ -180,3 +180,16 @@ def test_what_is_no_pair_is_refused_in_one_line(tmp_path: Path, name: str) -> No
     with pytest.raises(InputError, match=words) as caught:
         load_stereo(tmp_path / "pair.yaml")
     assert "pair.yaml" in str(caught.value)
+
+
+def test_cameras_for_pictures_of_two_sizes_are_refused() -> None:
+    small = CAMERA.scaled(CAMERA.width // 2, CAMERA.height // 2)
+    place = RigidTransform(np.eye(3), np.array([-0.12, 0.0, 0.0]))
+    with pytest.raises(CameraError, match="expected one size"):
+        StereoPair(CAMERA, small, place)
+
+
+def test_pictures_that_are_not_of_8_bits_are_refused() -> None:
+    left, right = pictures(bent_pair())
+    with pytest.raises(CameraError, match="the left picture is float64: expected uint8"):
+        bent_pair().rectified.depth(left.astype(float), right)

@@ -77,7 +77,7 @@ class FrameRecorder:
 
     def __init__(
         self,
-        folder: Path,
+        folder: Path | str,
         *,
         before_s: float = 5.0,
         after_s: float = 2.0,
@@ -91,6 +91,7 @@ class FrameRecorder:
                 raise InputError(f"{name} is {value_s:g} s: expected 0 to {_LONGEST_S:g} s")
         if max_mib < 1:
             raise InputError(f"max_mib is {max_mib}: expected at least 1 MiB")
+        folder = Path(folder)
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: expected a folder for recordings")
         check_rosbags()

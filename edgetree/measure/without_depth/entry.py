@@ -14,7 +14,7 @@ from calib import PinholeCamera, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.measure.entry import axes_in_image, values, verticals_of
 from edgetree.measure.estimates import TreeMeasurement
-from edgetree.measure.inputs import checked_frame, vertical_of
+from edgetree.measure.inputs import check_camera, checked_frame, vertical_of
 from edgetree.measure.observations import observe_stems
 from edgetree.measure.rig_uncertainty import RigUncertainty
 from edgetree.measure.settings import MeasureSettings
@@ -67,6 +67,7 @@ def measure_without_depth(
         >>> all(stem.diameter_m or stem.diameter_m.reason for stem in stems)
         True
     """
+    check_camera(camera)
     if not ways:
         raise InputError("there is no way to distances without depth: expected one or more")
     up = vertical_of(up_camera, mounting)
@@ -79,10 +80,15 @@ def measure_without_depth(
     frame = replace(frame, rig=replace(rig, scale=0.0, placed=True))
     if detections.keypoints_px is None and frame.masks is None:
         reason = "the model gives neither keypoints nor masks"
-        return [TreeMeasurement.failed(reason) for _ in range(len(detections))]
+        return [_placed_nowhere(TreeMeasurement.failed(reason)) for _ in range(len(detections))]
     # Values that are not finite are found and reported as failures.
     with np.errstate(all="ignore"):
         return _measured(stem_views(frame, detections), list(ways), up, mounting)
+
+
+def _placed_nowhere(tree: TreeMeasurement) -> TreeMeasurement:
+    """A failed measurement, whose distance comes from nothing, and not from depth."""
+    return replace(tree, evidence=replace(tree.evidence, distance_from=""))
 
 
 def _measured(
@@ -97,7 +103,14 @@ def _measured(
         placed = fit.placed(ways, seen)
         grounds = placed.grounds(seen)
         reasons = placed.failure_reasons()
-        trees = values(placed, placed.cut_points(), reasons, grounds, own, mounting)
+        trees = [
+            tree if why is None else _placed_nowhere(tree)
+            for tree, why in zip(
+                values(placed, placed.cut_points(), reasons, grounds, own, mounting),
+                reasons,
+                strict=True,
+            )
+        ]
         found |= zip(view.indices.tolist(), trees, strict=True)
     return [found[index] for index in range(len(found))]
 

@@ -35,12 +35,13 @@ class ScaleMark:
     """A mark of known length in a picture.
 
     Attributes:
-        points_px: (4, 2) corners of a square, or (2, 2) ends of a bar.
+        points_px: (4, 2) corners of a square, clockwise in the picture from any of them, as
+            `cv2.aruco` gives them; or (2, 2) ends of a bar.
         length_m: Side of the square, or length of the bar, in metres.
         name: What messages call it.
 
     Raises:
-        InputError: The length is out of range, or the points are not apart.
+        InputError: The length is out of range, or the points are no such ones or not apart.
     """
 
     points_px: Float
@@ -53,7 +54,21 @@ class ScaleMark:
                 f"the length of {self.name} is {self.length_m:g}: expected metres above 0, up to"
                 f" {_LARGEST_LENGTH_M:g}"
             )
-        if not (np.isfinite(self.points_px).all() and self.length_px > 1):
+        points_px = np.asarray(self.points_px, np.float64)
+        if points_px.shape not in ((4, 2), (2, 2)):
+            raise InputError(
+                f"the points of {self.name} have shape {points_px.shape}: expected (4, 2) corners"
+                " or (2, 2) ends"
+            )
+        object.__setattr__(self, "points_px", points_px)
+        sides = np.roll(points_px, -1, axis=0) - points_px
+        turns = np.cross(sides, np.roll(sides, -1, axis=0))
+        if len(points_px) == 4 and np.isfinite(turns).all() and not (turns > 0).all():
+            raise InputError(
+                f"the corners of {self.name} are {points_px.tolist()}: expected those of a square,"
+                " clockwise in the picture"
+            )
+        if not (np.isfinite(points_px).all() and self.length_px > 1):
             raise InputError(f"the ends of {self.name} are at one place: expected them apart")
 
     @property

@@ -66,3 +66,10 @@ def test_names_are_spelled_out_in_texts(tmp_path: Path) -> None:
     assert printable(LATIN) == r"caf\udce9"
     write_text(tmp_path / "names.txt", f"café {LATIN}\n")
     assert (tmp_path / "names.txt").read_text("utf-8") == "café caf\\udce9\n"
+
+
+@pytest.mark.parametrize("name", ["depth", "depth.npy"])
+def test_depth_under_a_name_that_is_no_pictures_is_refused(folder: Path, name: str) -> None:
+    with pytest.raises(InputFileError, match=r"expected pixels .* and a name such as"):
+        calib.write_depth(folder / name, np.ones((4, 6), np.float32))
+    assert not (folder / name).exists()

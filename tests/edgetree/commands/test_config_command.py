@@ -87,7 +87,7 @@ MISTAKES = {
     "file": ('mounting = "none.json"', "line 6: .*none.json"),
     "origin": ('map-origin = "60,24"', "line 6: --map-origin given without --map"),
     "origin value": ('map-origin = "95,24"\nmap = "a.geojson"', "line 6: --map-origin: latitude"),
-    "ending": ('\nmap = "a.shp"', "line 7: --map is .*a.shp"),
+    "ending": ('\nmap = "a.shp"', r"line 7: the map \(--map\) is .*a.shp"),
     "port": ("port = 70000", "line 6: --port of the page is 70000"),
     "topic": ('topic = ["blue=/a"]', "line 6: --topic is 'blue=/a'"),
     "mqtt alone": ('mqtt-user = "cab"', "line 6: --mqtt-user given without --mqtt"),

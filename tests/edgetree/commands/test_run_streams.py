@@ -100,7 +100,11 @@ def test_a_map_of_a_recording_without_poses_is_refused(
 
 MISTAKES = {
     "map of images": ("images", ("--map", "a.geojson"), "has no poses: expected a recording or a"),
-    "map in another format": ("drives", ("--map", "a.shp"), "--map is a.shp: expected a name in"),
+    "map in another format": (
+        "drives",
+        ("--map", "a.shp"),
+        "map (--map) is a.shp: expected a",
+    ),
     "scene of images": ("images", ("--scene", "1"), "expected it for datasets of drives alone"),
     "scene that is not there": ("drives", ("--scene", "7"), "has no scene 7: expected one of 0"),
     "topic of a drive": ("drives", ("--topic", "imu=/imu"), "expected it for recordings alone"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -380,3 +381,19 @@ def test_a_source_that_is_lost_meanwhile_is_no_fault_of_who_asks(detector: TreeD
     assert pipeline.status.state == "starting"
     pipeline.looks = 0
     pipeline.stop()
+
+
+def test_a_detector_that_is_a_name_is_refused() -> None:
+    with pytest.raises(InputError, match="the detector is 'edge-n-depth': expected a TreeDetector"):
+        LivePipeline(opening(Source([])), "edge-n-depth")
+
+
+def test_a_frame_without_a_time_is_left_out_and_a_pipeline_runs_once(
+    detector: TreeDetector,
+) -> None:
+    frames = [colour(0), replace(colour(1), time_s=None), colour(2)]
+    pipeline = LivePipeline(opening(Source(frames)), detector)
+    assert [result.frame.number for result in pipeline] == [0, 2]
+    assert sum(pipeline.status.left_out.values()) == 1
+    with pytest.raises(InputError, match="has ended: expected a new one"):
+        next(iter(pipeline))

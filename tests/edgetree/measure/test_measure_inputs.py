@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import PinholeCamera
+from calib import PinholeCamera, RigidTransform
+from calib.sizeless import sizeless_camera
 from edgetree import InputError
 from edgetree.measure import MeasureSettings, TreeMeasurement, measure_trees
 
@@ -25,7 +26,7 @@ def test_depth_of_another_size(stand):
 
 @pytest.mark.parametrize("nothing", [None, [[1.0]]])
 def test_depth_that_is_no_array(stand, nothing):
-    with pytest.raises(InputError, match=r"the depth map is \w+: expected a numpy array"):
+    with pytest.raises(InputError, match=r"the depth map is \w+: expected a plain numpy array"):
         measure_trees(stand.detections(), nothing, stand.camera)
 
 
@@ -69,7 +70,7 @@ def test_a_camera_for_another_size(stand):
         measure_trees(stand.detections(), stand.depth_m, small)
 
 
-@pytest.mark.parametrize("up", [(0, 0, 0), (0, 1), (0, math.nan, 1)])
+@pytest.mark.parametrize("up", [(0, 0, 0), (0, 1), (0, math.nan, 1), "up"])
 def test_a_vertical_that_is_no_direction(stand, up):
     with pytest.raises(InputError, match="expected a direction of three numbers"):
         measure_trees(stand.detections(), stand.depth_m, stand.camera, up_camera=up)
@@ -132,3 +133,31 @@ def test_readings_that_are_not_finite_are_ignored(stand):
 def test_a_depth_map_without_any_reading(stand, rubbish):
     tree = stand.measure(depth_m=np.full_like(stand.depth_m, rubbish))
     assert tree.diameter_m.reason == "no depth on the stem"
+
+
+def test_masked_depth_is_refused(stand):
+    masked = np.ma.masked_less(stand.depth_m, 1.0)
+    with pytest.raises(InputError, match="depth map is MaskedArray: expected a plain numpy"):
+        measure_trees(stand.detections(), masked, stand.camera)
+
+
+def test_a_camera_without_a_size_is_refused(stand):
+    camera = sizeless_camera(698.4, 698.4, 639.5, 359.5, (), "radtan")
+    with pytest.raises(InputError, match=r"expected camera\.scaled\(1280, 720\)"):
+        measure_trees(stand.detections(), stand.depth_m, camera)
+
+
+@pytest.mark.parametrize(
+    ("mounting", "words"),
+    [
+        (
+            RigidTransform.mounting([1500.0, 200.0, 2800.0]),
+            "the mounting: the frames are",
+        ),
+        (RigidTransform.identity(), "by the mounting up is"),
+        (np.eye(4), "the mounting is ndarray: expected a RigidTransform"),
+    ],
+)
+def test_a_mounting_that_is_none(stand, mounting, words):
+    with pytest.raises(InputError, match=words):
+        measure_trees(stand.detections(), stand.depth_m, stand.camera, mounting=mounting)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from edgetree import InputError
 from edgetree.measure import PixelSize, measure_trees, pixel_sizes
 
 RISE_DEG = 5.0
@@ -66,3 +67,10 @@ def test_a_tree_without_edges_has_a_reason(stand: Any) -> None:
     blind = replace(trees, masks=np.zeros_like(trees.masks), keypoints_px=None)
     [size] = pixel_sizes(blind, None)
     assert "neither keypoints nor the mask" in size.reason
+
+
+def test_a_vertical_and_measurements_that_do_not_fit_are_refused(stand: Any) -> None:
+    with pytest.raises(InputError, match="expected a direction of three numbers"):
+        pixel_sizes(stand.detections(), stand.camera, up_camera=(0, 0, 0))
+    with pytest.raises(InputError, match="there are 0 measurements: expected 1, one per tree"):
+        pixel_sizes(stand.detections(), stand.camera, measurements=[])

@@ -295,3 +295,23 @@ def test_a_camera_that_hardly_moves_tells_no_distance(
 def test_what_all_frames_share_does_not_average_away(stand: Any, measured: Any) -> None:
     tree = measured(stand, CameraHeight(1.8, slope_std_deg=3.0))
     assert 0.5 * tree.dbh_m.std < tree.rig_std["dbh_m"] <= tree.dbh_m.std
+
+
+@pytest.mark.parametrize(
+    ("points_px", "words"),
+    [
+        ([[0, 0], [100, 0], [0, 100], [100, 100]], "clockwise in the picture"),
+        ([[0, 0], [0, 100], [100, 100], [100, 0]], "clockwise in the picture"),
+        ([[0, 0], [100, 0], [100, 100]], "have shape"),
+        ([0, 0, 100, 0], "have shape"),
+    ],
+)
+def test_points_that_are_no_mark_are_refused(points_px: list[Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        ScaleMark(np.array(points_px, float), 0.2, "the marker")
+
+
+def test_where_nothing_tells_a_distance_it_is_not_from_depth(stand: Any, measured: Any) -> None:
+    tree = measured(stand, ScaleMarks([], "no marker"))
+    assert tree.diameter_m.reason == "no marker"
+    assert tree.evidence.distance_from == ""

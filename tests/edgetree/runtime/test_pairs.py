@@ -98,8 +98,8 @@ def test_both_are_used_where_both_are_unlike_the_training(detector: TreeDetector
     [
         (None, None, "image and depth_m are None: expected at least one of them"),
         (depth(), None, r"image is float32 \(48, 80\): expected uint8 \(H, W, 3\) BGR"),
-        (colour(), colour(), r"depth depth_m is uint8 \(48, 80, 3\): expected float"),
-        (colour(), -depth(), "depth depth_m has negative depths"),
+        (colour(), colour(), r"depth_m is uint8 \(48, 80, 3\): expected float"),
+        (colour(), -depth(), "depth_m has negative depths"),
         (colour(), depth() * 1000, "millimetres"),
         (colour()[:20], depth(), "image is 80x20 px and depth_m 80x48 px: expected one size"),
     ],

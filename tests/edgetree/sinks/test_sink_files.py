@@ -212,3 +212,12 @@ def test_a_geopackage_has_the_tables_of_the_standard(tmp_path, live_result, orig
     assert contents[0][3] == pytest.approx(expected[0])
     assert [row[1] for row in rows] == [1, 2, 3]
     assert rows[1][2] == pytest.approx(0.222)
+
+
+@pytest.mark.parametrize("name", list(FILE_SINKS))
+def test_paths_may_be_texts(tmp_path, live_result, name: str) -> None:
+    path = tmp_path / name
+    sink = FILE_SINKS[name](str(path))
+    sink.write(live_result(0))
+    sink.close()
+    assert path.stat().st_size

@@ -16,7 +16,9 @@ import edgetree
 from basetree.errors import InputError
 from edgetree.frames import Rig
 from edgetree.sources.drive import is_drive, open_drive
-from edgetree.sources.files import open_files
+from edgetree.sources.files import open_files, open_source
+from edgetree.sources.live import open_live_source
+from edgetree.sources.opening import open_frames
 
 
 def test_images_with_depth_and_a_rig(images: Path) -> None:
@@ -126,3 +128,9 @@ def test_a_frame_of_a_drive_that_cannot_be_read_is_counted(write_drive: WriteDri
     source = open_drive(folder)
     assert [frame.number for frame in source] == [0, 2]
     assert source.counts == {"unreadable images": 1}
+
+
+def test_paths_of_sources_may_be_texts(images: Path) -> None:
+    names = [frame.name for frame in open_source(images)]
+    for frames in (open_source(str(images)), open_frames(str(images)), open_live_source(images)):
+        assert len(list(frames)) == len(names)

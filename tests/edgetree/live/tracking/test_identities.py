@@ -241,3 +241,14 @@ def test_measurements_must_match_the_trees(rng):
     frame, trees, measurements = stand(rng).observe(0.0, (0.0, 0.0), 0.0)
     with pytest.raises(InputError, match=f"expected {len(trees)}, one per tree"):
         StemTracker().update(frame, trees, measurements[1:])
+
+
+@pytest.mark.parametrize("pose", [True, False])
+def test_a_vertical_by_which_all_stems_lie_is_told(rng, caplog, pose):
+    forest, tracker = stand(rng), StemTracker()
+    for index in range(6):
+        frame, *seen = forest.observe(index / 10, (0.2 * index, 0), 0, pose=pose)
+        turned = {"pose": frame.pose.inverse()} if pose else {"up_camera": (0.0, 0.0, 1.0)}
+        assert tracker.update(replace(frame, **turned), *seen) == []
+    (line,) = (line for line in caplog.messages if "lie on the ground" in line)
+    assert ("frames' poses" if pose else "frames' vertical") in line
