@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Bool, Float, Float32, UInt8
+from basetree.normal import MEDIAN_ABS_NORMAL
 from calib.camera import PinholeCamera
 from calib.distortion import FISHEYE
 from calib.errors import CameraError
@@ -37,7 +38,6 @@ _LARGEST_STEP_PX, _FARTHEST_PX = 0.5, 1.0  # of the refinement, from semi-global
 _CAUCHY: Final = 2.0
 # On rendered pairs errors are so much larger than independent noise of the pixels makes them.
 _FIT_FACTOR: Final = 1.8
-_MEDIAN_ERROR: Final = 0.6745  # of a standard normal error
 _LEAST_NOISE: Final = 0.5  # grey levels, of rounding
 _LEAST_BASELINE_M, _MOST_BASELINE_M = 0.01, 5.0
 _MOST_TURN_DEG: Final = 20.0
@@ -285,7 +285,7 @@ def _refined(left: UInt8, right: UInt8, disparity: Float32) -> tuple[Float32, Fl
         at = columns - found
         gradient = cv2.remap(slope, at, rows, cv2.INTER_LINEAR)
         off = seen - cv2.remap(other, at, rows, cv2.INTER_CUBIC)
-        noise = max(float(np.median(np.abs(off[matched]))) / _MEDIAN_ERROR, _LEAST_NOISE)
+        noise = max(float(np.median(np.abs(off[matched]))) / MEDIAN_ABS_NORMAL, _LEAST_NOISE)
         weight = np.where(matched, 1 / (1 + (off / (_CAUCHY * noise)) ** 2), 0.0).astype(np.float32)
         sums = [_block_sums(weight * part) for part in (1.0, gradient, off)]
         total, slopes, offs = sums[0] + np.float32(1e-6), sums[1], sums[2]

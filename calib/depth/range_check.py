@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from basetree.arrays import Float
+from basetree.normal import MEDIAN_ABS_NORMAL
 from calib.camera import PinholeCamera
 from calib.depth.convention import DepthKind
 from calib.errors import Failure
@@ -34,7 +35,6 @@ _NEAR_M, _NEAR_SHARE = 0.15, 0.06  # readings this near to it, or this share of 
 _LEAST_HEIGHT_M = _LEAST_EXTENT_M = 0.4  # smaller surfaces are stems and stones
 _STEPS: Final = 10
 _CAUCHY: Final = 2.0
-_MEDIAN_ERROR: Final = 0.6745  # of a standard normal error
 # On 60 simulated frames whose ground scatters by 4.6 % of the distance in the median, hills changed
 # the readings across the picture by 1.7 % (root mean square).
 _HILLS_PER_SCATTER: Final = 0.4
@@ -126,7 +126,7 @@ def _fit_exponent(rays: Float, inverse: Float, log_length: Float) -> RangeExpone
         exponent = float(np.clip(solution[3], -10, 10))
         fitted = rays @ solution[:3] * np.exp(-exponent * log_length)
         residual = inverse / np.where(fitted == 0, np.inf, fitted) - 1
-        scatter = np.median(np.abs(residual)) / _MEDIAN_ERROR
+        scatter = np.median(np.abs(residual)) / MEDIAN_ABS_NORMAL
         scale = _CAUCHY * max(float(scatter), 1e-6)
         weight = 1 / inverse / np.sqrt(1 + (residual / scale) ** 2)
     # What of the exponent's effect no plane explains, as a share of the readings.

@@ -62,7 +62,8 @@ def bench(
 
     check_paths(
         {f"--{name}": path for name, path in asdict(files).items()},
-        {"--frames": measure.frames, "--data": data},
+        {"--frames": measure.frames, "--data": data}
+        | {f"model {name}": Path(name) for name in models_given or [] if Path(name).is_file()},
     )
     check_folders(asdict(files).values())
     if data is not None:

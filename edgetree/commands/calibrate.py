@@ -13,7 +13,8 @@ import typer
 from basetree.counts import counted
 from basetree.program.console import note, print_json, tell
 from basetree.program.progress import track
-from edgetree.commands.options import Json, quoted
+from basetree.program.quoting import quoted
+from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
     from calib.boards import (

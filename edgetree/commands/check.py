@@ -12,8 +12,9 @@ import typer
 
 from basetree.program.console import note, print_found
 from basetree.program.options import expand_groups
+from basetree.program.quoting import quoted
 from edgetree.commands.csv_options import CsvOptions
-from edgetree.commands.options import Json, quoted
+from edgetree.commands.options import Json
 
 _Measured: TypeAlias = Annotated[
     Path,

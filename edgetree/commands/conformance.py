@@ -13,6 +13,7 @@ from basetree.counts import counted
 from basetree.program.command_line import show_help
 from basetree.program.console import note, print_found, print_json, tell
 from basetree.program.help import new_app
+from basetree.program.quoting import quoted
 from edgetree.commands.options import Json, Provider, Threads
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ def make(
     if kit.weight_bits == 8:
         note("weights of 8 bits: x86 processors without VNNI find other trees with this model")
     note(
-        f"next: a program that writes RESULTS.json; edgetree conformance check {out} RESULTS.json",
+        f"next: a program that writes RESULTS.json; edgetree conformance check"
+        f" {quoted(out)} RESULTS.json",
         whole=True,
     )
 
@@ -96,12 +98,15 @@ def run(
 ) -> None:
     """Find a kit's trees with this package, as on another processor or provider."""
     from basetree.files.places import check_folders
+    from basetree.files.writing import check_paths
     from edgetree.conformance import run_kit, write_results
+    from edgetree.conformance.kit import KIT_FILES
 
+    check_paths({"--out": out}, {f"{name} of the kit": kit / name for name in KIT_FILES})
     check_folders([out])
     results = run_kit(kit, provider=provider, threads=threads, rounds=rounds)
     write_results(out, results)
-    note(f"next: edgetree conformance check {kit} {out}", whole=True)
+    note(f"next: edgetree conformance check {quoted(kit)} {quoted(out)}", whole=True)
 
 
 @conformance.command(epilog="edgetree conformance check kit results.json")

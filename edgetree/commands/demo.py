@@ -14,6 +14,7 @@ import typer
 from basetree.counts import counted
 from basetree.program.console import StatusLine, note, print_json, tell
 from basetree.program.progress import duration
+from basetree.program.quoting import quoted
 from edgetree.commands.options import Json
 
 _DONE: Final = "done"
@@ -108,8 +109,8 @@ def _next_commands(out: Path, train: bool) -> list[NextCommand]:
     from basetree.errors import install_hint
     from edgetree.demo import NextCommand
 
-    model = f" --model {out / 'model.onnx'}" if train else ""
-    measured = out / "model.onnx" if train else "depth"
+    model = f" --model {quoted(out / 'model.onnx')}" if train else ""
+    measured = quoted(out / "model.onnx") if train else "depth"
     commands = [
         NextCommand(
             "Measure trees in your own frames and write a report, with a 16-bit depth image in"

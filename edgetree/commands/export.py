@@ -13,7 +13,8 @@ from basetree.errors import InputError
 from basetree.program.console import complain, note, print_json, tell, tell_words
 from basetree.program.options import expand_groups
 from basetree.program.progress import steps_shown
-from edgetree.commands.options import Json, quoted
+from basetree.program.quoting import quoted
+from edgetree.commands.options import Json
 from edgetree.export.settings import ExportSettings
 
 if TYPE_CHECKING:

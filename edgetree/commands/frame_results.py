@@ -53,36 +53,39 @@ class LeftOut:
         strict: Whether the first one ends the command.
 
     Attributes:
-        reasons: What each error says, on one line.
+        reasons: What the errors say, on one line each; equal ones once.
+        count: Number of the frames.
     """
 
     def __init__(self, strict: bool) -> None:
         self._strict = strict
         self.reasons: list[str] = []
+        self.count = 0
 
     def add(self, error: Exception) -> None:
         """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
+        self.count += 1
         reason = short_line(" ".join(str(error).split()))
         if reason not in self.reasons:
             self.reasons.append(reason)
             complain(f"left out: {reason}")
 
     def check_some(self, results: int) -> None:
-        """Raise InputError if all frames are left out."""
-        if self.reasons and not results:
-            raise InputError(
-                f"all {counted(len(self.reasons), 'frame')} left out: expected one"
-                " that can be read"
-                " and measured"
-            )
+        """Raise InputError if there is no result."""
+        if results:
+            return
+        found = "there is no frame"
+        if self.count:
+            found = f"all {counted(self.count, 'frame')} left out"
+        raise InputError(f"{found}: expected one that can be read and measured")
 
     def check_none(self, results: int) -> None:
         """Raise CheckFailed if a frame is left out."""
-        if self.reasons:
-            count = len(self.reasons)
-            raise CheckFailed(f"{count} of {counted(count + results, 'frame')} left out, see above")
+        if self.count:
+            frames = counted(self.count + results, "frame")
+            raise CheckFailed(f"{self.count} of {frames} left out, see above")
 
 
 @dataclass
@@ -134,6 +137,9 @@ class Totals:
 
     def lines(self) -> Iterator[str]:
         """The summary."""
+        if not self.frames:  # as of a run that is interrupted at once
+            yield "no frame"
+            return
         median_ms = sorted(self.times_ms)[self.frames // 2]
         yield (
             f"{self._trees_words()} in {counted(self.frames, 'frame')},"

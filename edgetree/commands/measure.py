@@ -13,6 +13,7 @@ import typer
 
 from basetree.program.console import keep_remarks, note, note_remarks, print_json, tell
 from basetree.program.options import expand_groups
+from basetree.program.quoting import quoted
 from edgetree.commands.csv_options import CsvOptions
 from edgetree.commands.option_groups import ReportOptions, RigOptions, SessionOptions
 from edgetree.commands.options import (
@@ -35,7 +36,6 @@ from edgetree.commands.options import (
     model_file,
     model_record,
     model_words,
-    quoted,
 )
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 

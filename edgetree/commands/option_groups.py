@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.program.quoting import quoted
 from edgetree.commands.options import (
     CAMERA,
     MODEL,
@@ -27,7 +28,6 @@ from edgetree.commands.options import (
     Threads,
     Up,
     existing_file,
-    quoted,
 )
 from edgetree.commands.reference_options import (
     CameraHeightText,
@@ -373,5 +373,8 @@ def _direction(text: str, rotation_deg: int | None) -> tuple[float, float, float
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
-    unit_up(turn_of(rotation_deg, (x, y, z)).directions((x, y, z)))
+    try:
+        unit_up(turn_of(rotation_deg, (x, y, z)).directions((x, y, z)))
+    except InputError as error:
+        raise InputError(f"--up is {text}: {error}") from error
     return x, y, z

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
@@ -325,11 +324,6 @@ def model_words(detector: TreeDetector, path: Path) -> str:
 def model_file(model: str | None) -> Path | None:
     """The file of the option --model; None for a packaged model."""
     return existing_file(model)
-
-
-def quoted(value: object) -> str:
-    """A value quoted for the shell."""
-    return shlex.quote(str(value))
 
 
 def model_record(detector: TreeDetector, path: Path) -> dict[str, Any]:

@@ -91,7 +91,8 @@ def run(
         writes = results.open_outputs(frames, head, style, as_json=as_json)
         shown = not results.is_on_terminal(as_json=as_json)
         is_interrupted = _write_all(results.of(frames, shown=shown), writes)
-        results.left_out.check_some(results.totals.frames)
+        if not is_interrupted:
+            results.left_out.check_some(results.totals.frames)
     if as_json:
         print_json(run_object(results, is_interrupted=is_interrupted))
     tell_results(results, frames)

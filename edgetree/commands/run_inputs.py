@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from basetree.program.quoting import quoted
 from edgetree.commands.live_options import Scene, Topic, right_topic, topics_by_role
-from edgetree.commands.options import INPUT, Camera, Cloud, Depth, ModelByInput, Right, quoted
+from edgetree.commands.options import INPUT, Camera, Cloud, Depth, ModelByInput, Right
 
 if TYPE_CHECKING:
     from calib.stereo import StereoPair

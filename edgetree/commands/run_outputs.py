@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.options import RESULTS, Csv, Profiles, Report, quoted
+from basetree.program.quoting import quoted
+from edgetree.commands.options import RESULTS, Csv, Profiles, Report
 
 if TYPE_CHECKING:
     from edgetree.commands.guarded_outputs import GuardedOutputs

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.program.console import note, note_remarks
+from basetree.program.quoting import quoted
 from edgetree.commands.frame_results import (
     LeftOut,
     Totals,
@@ -20,7 +21,7 @@ from edgetree.commands.frame_results import (
 )
 from edgetree.commands.guarded_outputs import GuardedOutputs
 from edgetree.commands.option_groups import RigOptions
-from edgetree.commands.options import model_record, model_words, quoted
+from edgetree.commands.options import model_record, model_words
 from edgetree.commands.other_model import OtherModel
 from edgetree.commands.run_inputs import RunInputs
 from edgetree.commands.run_outputs import RunOutputs
@@ -135,8 +136,11 @@ def run_object(results: RunResults, *, is_interrupted: bool) -> dict[str, Any]:
     """The object of --json, of the schema edgetree.run/1."""
     sources, outputs, guarded = results.sources, results.outputs, results.guarded
     one, reasons = sources.one, results.left_out.reasons
-    named = {"pictures": "out"} | {each: each for each in ("jsonl", "csv", "profiles", "coco")}
+    named = {"pictures": "out"} | {
+        each: each for each in ("jsonl", "csv", "profiles", "coco", "report")
+    }
     paths = {each: outputs.path_if(guarded, name) for each, name in named.items()}
+    map_path = outputs.path_if(guarded, "map")
     return {
         "schema": "edgetree.run/1",
         "source": str(one or sources.name),
@@ -145,7 +149,7 @@ def run_object(results: RunResults, *, is_interrupted: bool) -> dict[str, Any]:
         "score_threshold": results.detector.score_threshold,
         "frames": results.records,
         **{name: None if path is None else str(path) for name, path in paths.items()},
-        **({} if outputs.map is None else {"map": str(outputs.map)}),
+        **({"map": str(map_path)} if map_path is not None else {}),
         **({"left_out": reasons} if reasons else {}),
         **({"incomplete": guarded.missing()} if guarded.missing() else {}),
         **({"interrupted": True} if is_interrupted else {}),

@@ -13,8 +13,8 @@ import typer
 
 from basetree.counts import counted
 from basetree.program.console import note, print_json
+from basetree.program.quoting import quoted
 from edgetree.commands.option_groups import RigOptions, SessionOptions
-from edgetree.commands.options import quoted
 
 if TYPE_CHECKING:
     from basetree.jobs import Job, Store

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.program.console import note, tell
+from basetree.program.quoting import quoted
 
 if TYPE_CHECKING:
     from edgetree.signing import Statement
@@ -85,7 +86,7 @@ def _make_key(path: Path, encrypt: bool) -> None:
     tell(f"private key  {path}  (keep it with the signer)")
     tell(f"public key   {public}  (for the machines)")
     tell(f"key id       {identity}")
-    note(f"next: edgetree sign MODEL --key {path}", whole=True)
+    note(f"next: edgetree sign MODEL --key {quoted(path)}", whole=True)
 
 
 def _sign(

@@ -9,8 +9,9 @@ import typer
 
 from basetree.program.console import note, print_json, tell, tell_words
 from basetree.program.progress import steps_shown
+from basetree.program.quoting import quoted
 from edgetree.commands.export import check_inputs, record, showing_differences
-from edgetree.commands.options import Json, quoted
+from edgetree.commands.options import Json
 
 
 def verify(

@@ -47,6 +47,8 @@ KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
 SCORE_THRESHOLD: Final = 0.15
 """Lower than for display, so that there are more trees, and trees found twice among them."""
 _MODEL, _EXPECTED, _FRAMES, _CONTENT = "model.onnx", "expected.json", "frames", "kit.json"
+KIT_FILES = (_MODEL, _EXPECTED, _CONTENT)
+"""Files in the folder of a kit, but for its frames."""
 _COLOUR: Final = 3
 _PIXELS: Final[dict[int, Any]] = {3: np.dtype("u1"), 1: np.dtype("<u2")}
 

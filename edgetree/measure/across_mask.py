@@ -17,6 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from basetree.arrays import Bool, Float, Index
+from basetree.normal import MAD_TO_STD
 from calib.directions import unit
 from edgetree.measure.constants.depth import (
     BARK_STD_M,
@@ -48,7 +49,7 @@ _WITHIN, _BESIDE = 0.94, 1.3
 _MIN_STATIONS, _MIN_TOGETHER = 2, 4
 # Single places that differ from most of so many around them are left out.
 _AROUND = 5
-_MAD_TO_STD, _MEDIAN_VARIANCE = 1.4826, np.pi / 2
+_MEDIAN_VARIANCE = np.pi / 2
 _PRIOR = np.diag([1e-6, OVAL_TURN_STD**-2, OVAL_DEPTH_STD**-2])
 _PRIOR_RIGHT = np.array([0.0, 0.0, OVAL_DEPTH_STD**-2])
 
@@ -180,7 +181,7 @@ def _profiles(parts_m: Float, filled: Bool, half_px: Float) -> _Profiles:
     readings[readings < _MIN_STATIONS] = 0
     depth_m = masked_medians(parts_m, parts_m > 0)
     off_m = masked_medians(np.abs(parts_m - depth_m[..., None]), parts_m > 0)
-    scatter_m = _MAD_TO_STD * masked_medians(off_m, readings > 0)
+    scatter_m = MAD_TO_STD * masked_medians(off_m, readings > 0)
     sides = ((0, 0), (0, 0), (_AROUND // 2, _AROUND // 2))
     around_m = sliding_window_view(np.pad(np.where(readings > 0, depth_m, 0), sides), _AROUND, 2)
     return _Profiles(masked_medians(around_m, around_m > 0), readings, scatter_m, half_px)
@@ -205,8 +206,7 @@ def _noise_m(frame: DepthFrame, profiles: _Profiles) -> Float:
 
     The assumed one counts as `NOISE_PRIOR_READINGS` readings.
     """
-    settings, level_m = frame.settings, profiles.level_m
-    assumed_m = np.hypot(settings.depth_noise_per_m * level_m**2, settings.depth_noise_m)
+    assumed_m = frame.settings.depth_stds_m(profiles.level_m)
     number = (profiles.readings > 0).sum(2)
     squares = NOISE_PRIOR_READINGS * assumed_m**2 + number * profiles.scatter_m**2
     return np.asarray(np.sqrt(squares / (NOISE_PRIOR_READINGS + number)))

@@ -77,9 +77,7 @@ class BaseGround:
         """Whether the surface is so unsteady that it is that of plants, and not the ground."""
         return self.cover_std_m > MAX_COVER_STD_M
 
-    def height_m(
-        self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
-    ) -> Estimate | Failure:
+    def height_m(self, axis_point: Float, along: Float, radius_m: float) -> Estimate | Failure:
         """Height of a point of the axis above the ground on the stem's uphill side.
 
         The axis is followed to the ground, which lies `below_plane_m` below the plane. On the
@@ -89,7 +87,6 @@ class BaseGround:
             axis_point: (3,) camera point on the axis.
             along: (3,) unit vector up the axis.
             radius_m: Radius of the stem.
-            axis_std_m: Standard deviation of the point's height.
 
         Returns:
             The height in metres along the vertical, or why there is none.
@@ -106,7 +103,7 @@ class BaseGround:
         uphill_std_m = radius_m * self.vertical.tilt_std_rad
         cover_std_m = math.hypot(self.cover_std_m, self.stated_cover.std)
         parts = (plane_std_m, outlier_std_m, cover_std_m, uphill_std_m, LITTER_STD_M)
-        return Estimate(value, math.hypot(*parts, axis_std_m))
+        return Estimate(value, math.hypot(*parts))
 
     def cut_std_m(self, height_m: float, rise: float, distance_std_m: float, cut_m: float) -> float:
         """Standard deviation of a cut's height by the errors of its distance and direction.

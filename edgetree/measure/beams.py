@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from basetree.arrays import Bool, Float
+from basetree.arrays import Bool, Float, Index
 from edgetree.measure.constants.depth import MIN_BEAMS
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import SearchRegions, line_spans
@@ -129,7 +129,7 @@ def _nearest(
     within: Float,
     across: Float,
     at_px: Float,
-) -> Bool:
+) -> Index:
     """(S, N) numbers of the beams (M, 2; along and across) nearest to the places on one stem."""
     stations, ends = regions.stations_px[index], (at_px[:, 0].min(), at_px[:, 0].max())
     spacing = (ends[1] - ends[0]) / len(stations)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Float
+from basetree.normal import MAD_TO_STD
 from edgetree.measure.constants.circles import (
     LEAST_SCATTER_M,
     MIN_SECTOR_POINTS,
@@ -28,7 +29,7 @@ _ROUNDS = 12
 _STEP_M = 1e-4
 # Residuals of more than so many deviations hardly count, and the standard deviation of a normal
 # distribution per median of its absolute values.
-_TOLERANCE, _STD_PER_MEDIAN = 2.5, 1.4826
+_TOLERANCE = 2.5
 
 
 class Circles(NamedTuple):
@@ -115,4 +116,4 @@ def _sectors(xy_m: Float, radius_m: float) -> tuple[Float, Float] | None:
 
 
 def _scatter_m(off_m: Float) -> float:
-    return max(_STD_PER_MEDIAN * float(np.median(np.abs(off_m))), LEAST_SCATTER_M)
+    return max(MAD_TO_STD * float(np.median(np.abs(off_m))), LEAST_SCATTER_M)

@@ -112,9 +112,8 @@ def surface_reach_m(frame: DepthFrame, edges_px: Float, depth_m: Float) -> Float
         edges_px: (2, T, S) left and right edges of the masks across the regions.
         depth_m: (T, S) depth of the front of the stems.
     """
-    settings = frame.settings
     radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
-    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
+    noise_m = frame.settings.depth_stds_m(depth_m)
     return np.asarray(radius_m + SURFACE_STDS * noise_m + SURFACE_M)
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from basetree.normal import MAD_TO_STD
 from edgetree.measure.constants.edges import STATIONS_PER_END
 from edgetree.measure.depth_edges import DepthEdges
 from edgetree.measure.drawn_edges import DrawnEdges
@@ -23,7 +24,6 @@ from edgetree.measure.surface_ends import SurfaceEnds
 # Rounds of reweighted least squares, and the standard deviation of a normal distribution per median
 # of its absolute values.
 _ROUNDS = 2
-_STD_PER_MEDIAN = 1.4826
 
 
 class EdgeOffsets(NamedTuple):
@@ -72,7 +72,7 @@ def edge_offsets(
     if common.any():
         side_px = np.median(line_px, axis=2)[common]
         middle_px = float(np.median(side_px))
-        spread_px = _STD_PER_MEDIAN * float(np.median(np.abs(side_px - middle_px)))
+        spread_px = MAD_TO_STD * float(np.median(np.abs(side_px - middle_px)))
         common_std_px = np.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
         common_px = middle_px * mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
     own_std_px = np.hypot(shared_std_px, line_std_px)
@@ -91,7 +91,7 @@ def _lines(regions: SearchRegions, offset_px: Float, known: Bool) -> tuple[Float
     scatter_px: Float = np.ones(offset_px.shape[:2])
     for _ in range(_ROUNDS):
         off_px = np.abs(offset_px - line_px)
-        scatter_px = _STD_PER_MEDIAN * masked_medians(off_px, known)
+        scatter_px = MAD_TO_STD * masked_medians(off_px, known)
         tolerance_px = 3 * np.maximum(scatter_px, 0.5)[..., None]
         weight = known * np.maximum(1 - (off_px / tolerance_px) ** 2, 0.0) ** 2
         value, slope = fit_lines(regions.stations_px, offset_px, weight)

@@ -245,9 +245,9 @@ class TreeMeasurement:
             For an upright stem it is the horizontal distance. It needs neither the felling cut nor
             the ground.
         taper_cm_per_m: Mean decrease of the diameter, in cm per metre of the stem, between the
-            lowest and the highest diameter of `profile`.
+            lowest and the highest diameter of `profile`; by the outline alone, also of clouds.
         seen_volume_m3: Volume over bark of the part of the stem between the lowest and the highest
-            diameter of `profile`. Between two diameters it is a truncated cone.
+            diameter of `profile`, likewise. Between two diameters it is a truncated cone.
         volume_m3: Volume over bark of the whole stem, from `dbh_m` by the volume function of
             `MeasureSettings.species`, see `stem_volume`.
         profile: Diameters at every 10 cm along the stem.

@@ -15,7 +15,6 @@ from edgetree.measure.constants.ground import (
 )
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground_cover import depth_stds_m
 from edgetree.measure.regions import SearchRegions
 
 # The ground below the end of a mask is read at these distances, in standard deviations of that end
@@ -82,7 +81,7 @@ def goes_on_below(
     bark = np.where(known[..., None], bark, (0.0, 0.0, 1.0))
     line_px = project_points(frame.camera, bark)[:, :, None]
     depth_m = bark[..., 2:]
-    within_m = SURFACE_STDS * depth_stds_m(frame.settings, depth_m) + SURFACE_M
+    within_m = SURFACE_STDS * frame.settings.depth_stds_m(depth_m) + SURFACE_M
     shares = []
     for places in (_ACROSS, _BESIDE):
         across_px = (places * regions.half_px[:, None] + shift_px[:, None])[:, None, :, None]

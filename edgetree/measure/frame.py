@@ -20,7 +20,7 @@ from edgetree.measure.settings import MeasureSettings, network_std_px, reference
 _MAX_POINTS = 30_000
 
 MASK_THRESHOLD = 0.5
-"""Bool probability from which a point counts as part of the stem."""
+"""Mask probability from which a point counts as part of the stem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class DepthFrame:
         return to_cells.transpose(1, 2, 0)[..., None, None]
 
     def mask_probability(self, xy_px: Float) -> Float:
-        """Bool probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
+        """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
         if not self.masks:
             return np.ones(xy_px.shape[:-1], np.float32)
         flat = xy_px.reshape(len(xy_px), -1, *xy_px.shape[-2:])

@@ -30,7 +30,7 @@ from edgetree.measure.constants.ground import (
 from edgetree.measure.constants.outlines import NEAR_RAD
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m, gap_depth_m
+from edgetree.measure.ground_cover import cover_stds_m, gap_depth_m
 from edgetree.measure.ground_samples import Axes, GroundSamples, sample_around, thinned
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Verticals
@@ -161,7 +161,7 @@ def _fit_planes(
     """
     points, usable, level_m, _ = thinned(samples)
     settings = frame.settings
-    depth_std_m = depth_stds_m(settings, points[..., 2])
+    depth_std_m = settings.depth_stds_m(points[..., 2])
     from_bark_m = np.maximum(level_m - radii_m[:, None], 0.0)
     planes = fit_ground_planes(
         points,
@@ -200,7 +200,7 @@ def _gap_depth_m(
     points = points[below]
     depth_m = points[:, 2]
     slope = np.abs(points @ plane.normal) / depth_m
-    height_std_m = slope * noise * depth_stds_m(settings, depth_m)
+    height_std_m = slope * noise * settings.depth_stds_m(depth_m)
     departure_m = DEPARTURE_STD_PER_M * from_bark_m[below] ** 2
     std_m = np.sqrt(UNEVEN_STD_M**2 + height_std_m**2 + departure_m**2)
     return gap_depth_m(points, std_m, plane)

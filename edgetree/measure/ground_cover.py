@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from basetree.normal import MEDIAN_ABS_NORMAL
 from calib import GroundPlane, GroundPlaneFailure, project_points
 from edgetree.measure.constants.ground import (
     BESIDE_M,
@@ -37,15 +38,8 @@ from edgetree.measure.stem_fit import Readings
 _MIN_COMPARED = 12
 # Of the readings across a stem these are looked at: few to save time, and none near its edges.
 _ACROSS = slice(2, -2, 2)
-# The median of the size of a normally distributed error, in standard deviations.
-_MEDIAN_ERROR = 0.6745
 # The standard deviation of 2 b - a - c for independent errors of standard deviation 1.
 _BEND_STD = 6**0.5
-
-
-def depth_stds_m(settings: MeasureSettings, depth_m: Float) -> Float:
-    """Assumed standard deviations of depth readings, of the same shape as they."""
-    return np.asarray(np.hypot(settings.depth_noise_m, settings.depth_noise_per_m * depth_m**2))
 
 
 def noise_factor(readings: Readings, stations: int, settings: MeasureSettings) -> float:
@@ -68,8 +62,8 @@ def noise_factor(readings: Readings, stations: int, settings: MeasureSettings) -
     if not used.any():
         return 1.0
     before, middle, after = before[used], middle[used], after[used]
-    ratio = _bend_m(before, middle, after) / depth_stds_m(settings, middle)
-    return max(float(np.median(ratio)) / _MEDIAN_ERROR, 1.0)
+    ratio = _bend_m(before, middle, after) / settings.depth_stds_m(middle)
+    return max(float(np.median(ratio)) / MEDIAN_ABS_NORMAL, 1.0)
 
 
 def cover_stds_m(

@@ -139,8 +139,7 @@ def own_readings(
         depth_m: (T, S, N) readings at the stations; 0 where there is none.
         on_stem: (T, S, N) places within the masks.
         xy_px: (T, S, N, 2) their places in the image. None leaves those that have grown from
-            another tree, for lines that a few of them do not move. Sparse readings fill any
-            outline.
+            another tree, for lines that a few of them do not move.
     """
     if not frame.is_sparse:
         goes_on, touched = goes_on_beside(frame, regions, edges_px, depth_m)
@@ -202,9 +201,7 @@ def _front_m(stations_px: Float, depth_m: Float, own: Bool) -> Float:
 
 def _noise_m(frame: DepthFrame, depth_m: Float) -> Float:
     """By how much readings (...) of one surface may differ."""
-    settings = frame.settings
-    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
-    return np.asarray(SURFACE_STDS * noise_m + SURFACE_M)
+    return np.asarray(SURFACE_STDS * frame.settings.depth_stds_m(depth_m) + SURFACE_M)
 
 
 def _on_any_stem(frame: DepthFrame, xy_px: Float) -> Bool:

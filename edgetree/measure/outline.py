@@ -99,7 +99,7 @@ class Outline:
             depth_m: (T,) depth of the stems.
         """
         regions, stem = self.regions, depth_m[:, None, None]
-        nearer = stem * NEARER_SHARE - 3 * frame.settings.depth_noise_per_m * stem**2 - NEARER_M
+        nearer = stem * NEARER_SHARE - 3 * frame.settings.depth_stds_m(stem) - NEARER_M
         step_px = np.maximum(_BESIDE * regions.half_px, _MIN_BESIDE_PX)[:, None]
         outwards_px = OUTWARDS * step_px
         beside = np.stack([self.edges_px + times * outwards_px for times in (1, 2)], -1)

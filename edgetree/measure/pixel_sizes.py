@@ -27,8 +27,8 @@ BREAST_HEIGHT, WIDEST, AT_KEYPOINTS = "breast height", "widest seen section", "d
 
 # A width is the median of this many neighbouring stations, so that a twig does not make it.
 _STATIONS = 3
-# A height is that of breast height within this, in m: half a step of a profile.
-_SAME_HEIGHT_M = 0.02
+# A height is that of breast height within this, in m: half a step of a profile, and rounding.
+_SAME_HEIGHT_M = 0.051
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -112,14 +112,13 @@ class StemPosition:
 
         The depth shows the line at the section. From there to the camera's level the line is
         extended, with the error of its direction and the bend of real stems. The depth is that of
-        the bark. As the stem gets thinner upwards, its bark recedes by half of the taper, and the
-        fitted line leans away by as much; this is subtracted.
+        the bark. As the stem gets thinner upwards, its bark recedes by half of the taper, which
+        the fit has taken from the tilt.
 
         Args:
             bend_rad: Standard deviation of the axis direction along a stem.
         """
         ahead_m, _, level_m = self._section_parts_m
-        value = ahead_m
         bend_share = SEEN_BEND_SHARE if level_m < 0 else UNSEEN_BEND_SHARE
         bent_rad = bend_share * bend_rad
         direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bent_rad)
@@ -127,7 +126,7 @@ class StemPosition:
         rig_m = self.rig.std_m(ahead_m * ahead, ahead)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std, rig_m)
         shared = -2 * level_m * self.distance_tilt_m_rad
-        return Estimate(value, math.sqrt(math.hypot(*parts) ** 2 + shared))
+        return Estimate(ahead_m, math.sqrt(math.hypot(*parts) ** 2 + shared))
 
     @property
     def _slant(self) -> float:
@@ -158,7 +157,7 @@ class StemPosition:
         if isinstance(ground, Failure):
             return ground
         rise = float(self.cut @ ground.up) / self._range_m
-        height = ground.height_m(self.cut, self.along, self.radius_m, 0.0)
+        height = ground.height_m(self.cut, self.along, self.radius_m)
         if isinstance(height, Failure):
             return height
         cut_m = self.cut_rad * self._range_m

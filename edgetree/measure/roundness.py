@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from basetree.normal import MAD_TO_STD
 from edgetree.measure.constants.depth import (
     ROUNDNESS_WITHIN,
     SEVERAL_STEMS_SCORE,
@@ -19,7 +20,6 @@ _MIN_READINGS = 5
 _MAX_OFF = 2.0
 # Least squared difference of the two shapes over the readings of a station.
 _MIN_POWER = 0.05
-_MAD_TO_STD = 1.4826
 # Share of the stations along the stem that must have enough readings.
 _MIN_STATIONS = 0.25
 
@@ -75,7 +75,7 @@ def _shows_several(
     """
     scores, known = _scores(offset, axis_m, used, half_rad)
     score = masked_medians(scores, known)
-    scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
+    scatter = MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
     seen = known.sum(1)
     std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings_per_error, 1.0), 1.0))
     enough = seen >= _MIN_STATIONS * known.shape[1]

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+
+from basetree.arrays import Float
 from basetree.errors import InputError
 from edgetree.measure.constants.edges import NETWORK_EDGE_PX
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
@@ -171,6 +174,10 @@ class MeasureSettings:
         if factor == 1:
             return self
         return replace(self, **{name: factor * getattr(self, name) for name in _DETECTOR_ERRORS})
+
+    def depth_stds_m(self, depth_m: Float) -> Float:
+        """Assumed standard deviations of depth readings (...) in metres, of the same shape."""
+        return np.asarray(np.hypot(self.depth_noise_m, self.depth_noise_per_m * depth_m**2))
 
     def of_beams(self) -> MeasureSettings:
         """The same with the depth's noise of a laser scanner, where it is not given."""

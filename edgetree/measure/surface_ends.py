@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from basetree.arrays import Bool, Float
+from basetree.normal import MAD_TO_STD
 from edgetree.measure.depth_edges import DepthEdges, search_step_px, surface_reach_m
 from edgetree.measure.drawn_edges import UNKNOWN, DrawnEdges, beside, drawn_edges
 from edgetree.measure.edge_lines import fit_lines, pick
@@ -23,7 +24,6 @@ _MIXED_SHARE = 0.75
 # The roughness of edges is known from at least so many ends in a frame.
 _MIN_ENDS = 12
 # Standard deviation of a normal distribution per median of its absolute values.
-_STD_PER_MEDIAN = 1.4826
 
 
 class SurfaceEnds(NamedTuple):
@@ -93,7 +93,7 @@ def _roughness_px(regions: SearchRegions, outward_px: Float, known: Bool, step_p
     off_px = np.abs(ends_px - value[..., None] - slope[..., None] * regions.stations_px)
     # A pixel is wider across a stem that leans in the image.
     off_px = (off_px / np.abs(regions.across).sum(1)[:, None])[known]
-    return float(np.median(off_px)) * _STD_PER_MEDIAN if len(off_px) >= _MIN_ENDS else math.nan
+    return float(np.median(off_px)) * MAD_TO_STD if len(off_px) >= _MIN_ENDS else math.nan
 
 
 def _reading_middles(frame: DepthFrame, regions: SearchRegions, across_px: Float) -> Float:

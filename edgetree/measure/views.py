@@ -198,6 +198,7 @@ def _turned_view(
         depth_noise_per_m=frame.settings.depth_noise_per_m * cosine,
         depth_bias_per_m=frame.settings.depth_bias_per_m * cosine,
         depth_noise_m=frame.settings.depth_noise_m / cosine,
+        depth_bias_m=frame.settings.depth_bias_m / cosine,
     )
     turn = np.arccos(min(cosine, 1.0))
     rig = TurnedErrors(

@@ -107,6 +107,7 @@ class Run(TypedDict):
     csv: str | None
     profiles: str | None
     coco: str | None
+    report: str | None
     map: NotRequired[str]
     left_out: NotRequired[list[str]]
     incomplete: NotRequired[list[str]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, Final, Literal
@@ -77,6 +78,7 @@ class Client:
         self._free = [Slot() for _ in range(_SLOTS)]
         self._used: dict[int, Slot] = {}
         self._ids = itertools.count()
+        self._early: deque[Answer] = deque()  # to frames of `send`, while another was waited for
 
     def measure(self, frame: Frame) -> dict[str, Any]:
         """Hand a frame over and wait for its result.
@@ -157,8 +159,14 @@ class Client:
         Raises:
             ServiceError: There is none in time.
         """
+        if self._early:
+            return self._early.popleft()
         timeout_s = self._timeout_s if timeout_s is None else timeout_s
-        if not self._socket.poll(max(0.0, timeout_s) * 1000):
+        return self._received(timeout_s, timeout_s)
+
+    def _received(self, wait_s: float, timeout_s: float) -> Answer:
+        """The next answer, within what is left of the time to wait for one."""
+        if not self._socket.poll(max(0.0, wait_s) * 1000):
             raise ServiceError(
                 f"the service at {self._address} does not answer within {timeout_s:.2g} s: expected"
                 " edgetree live --serve there"
@@ -192,9 +200,10 @@ class Client:
         self._send(msgspec.json.encode(AskMessage()))
         end_s = time.monotonic() + self._timeout_s
         while True:
-            answer = self.receive(end_s - time.monotonic())
+            answer = self._received(end_s - time.monotonic(), self._timeout_s)
             if isinstance(answer, StatusAnswer):
                 return answer
+            self._keep(answer)
 
     def close(self) -> None:
         """Say goodbye and disconnect."""
@@ -225,9 +234,15 @@ class Client:
     def _answer_to(self, id_: int) -> ResultAnswer | UnusedAnswer | ErrorAnswer:
         end_s = time.monotonic() + self._timeout_s
         while True:
-            answer = self.receive(end_s - time.monotonic())
+            answer = self._received(end_s - time.monotonic(), self._timeout_s)
             if not isinstance(answer, StatusAnswer) and answer.id == id_:
                 return answer
+            self._keep(answer)
+
+    def _keep(self, answer: Answer) -> None:
+        """Keep the answer to a frame that `send` handed over, for `receive`."""
+        if not isinstance(answer, StatusAnswer) and answer.id is not None:
+            self._early.append(answer)
 
     def _placed(
         self, id_: int, arrays: list[NDArray[Any]]

@@ -88,6 +88,8 @@ def new_key(path: Path, passphrase: str | None = None) -> tuple[Path, str]:
     module = ed25519()
     from cryptography.hazmat.primitives import serialization
 
+    if not path.name:
+        raise InputError(f"private key file is {str(path)!r}: expected the name of a new file")
     public_path = path.with_suffix(".pub")
     for taken in (path, public_path):
         if os.path.lexists(taken):

@@ -25,12 +25,10 @@ class SourceList:
     Attributes:
         typed: Names and patterns as typed.
         paths: Files and folders, each once.
-        is_recursive: Whether the folders below were asked for.
     """
 
     typed: tuple[Path, ...]
     paths: tuple[Path, ...]
-    is_recursive: bool = False
 
     @property
     def one(self) -> Path | None:
@@ -100,7 +98,7 @@ def list_sources(typed: Sequence[Path], *, recursive: bool = False) -> SourceLis
             below = _picture_folders(path) if recursive and path.is_dir() else [path]
             for each in below:
                 found.setdefault(each.resolve(), each)
-    return SourceList(tuple(typed), tuple(found.values()), recursive)
+    return SourceList(tuple(typed), tuple(found.values()))
 
 
 def _is_pattern(name: Path) -> bool:

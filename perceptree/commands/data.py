@@ -14,6 +14,7 @@ from basetree.program.command_line import show_help
 from basetree.program.console import note, print_found, print_json, tell, tell_words
 from basetree.program.help import new_app
 from basetree.program.progress import progress
+from basetree.program.quoting import quoted
 from perceptree.commands.data_exchange import convert, merge, split
 from perceptree.commands.options import CrowdsAsTrees, EntireTree, Fold, Json, check_split
 
@@ -59,7 +60,10 @@ def check(
         raise typer.Exit(1)
     if not as_json:
         modality = "depth" if all(part.has_depth for part in report.splits) else "rgb"
-        note(f"next: perceptree train {directory} --out runs/{modality} --modality {modality}")
+        note(
+            f"next: perceptree train {quoted(directory)} --out runs/{modality} --modality"
+            f" {modality}"
+        )
 
 
 def _report_lines(report: Report) -> Iterator[str]:

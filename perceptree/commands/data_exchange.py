@@ -12,6 +12,7 @@ import typer
 from basetree.counts import counted
 from basetree.program.console import note, print_json, tell
 from basetree.program.progress import progress
+from basetree.program.quoting import quoted
 from perceptree.commands.options import CrowdsAsTrees, Json, SkipBroken
 from perceptree.errors import DatasetError
 
@@ -160,4 +161,4 @@ def _write(
         tell(f"{name:5} {counted(count['pictures'], 'picture')}, {counted(count['trees'], 'tree')}")
     tell(out)
     if form == "coco":
-        note(f"next: perceptree data check {out}")
+        note(f"next: perceptree data check {quoted(out)}")

@@ -97,7 +97,8 @@ def evaluate(
         raise SettingsError(f"--inputs is {inputs!r}: expected both, colour or depth")
     if shards is not None or share.is_given:
         if inputs != "both":
-            raise SettingsError("--inputs is given with --shards: expected one of them")
+            other = "--shards" if shards is not None else "--shard or --ray"
+            raise SettingsError(f"--inputs is given with {other}: expected one of them")
         source = SplitSource(location(data), *astuple(frames))
         _in_shards(checkpoint, source, device, shards, share, out, as_json)
         return

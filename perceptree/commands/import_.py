@@ -12,6 +12,7 @@ import typer
 from basetree.errors import SettingsError
 from basetree.program.console import print_json, tell
 from basetree.program.options import expand_groups
+from basetree.program.quoting import quoted
 from perceptree.commands.options import Json
 from perceptree.commands.progress import say
 from perceptree.errors import CheckpointError
@@ -181,7 +182,7 @@ def _show(facts: dict[str, Any]) -> None:
         tell(f"fresh: {len(facts['fresh'])} tensors with random values, to be trained")
     tell(out)
     if facts["init_only"]:
-        tell(f"next: perceptree train DATA --init {out} --out RUN")
+        tell(f"next: perceptree train DATA --init {quoted(out)} --out RUN")
         return
-    tell(f"next: perceptree eval {out} DATA")
-    tell(f"      edgetree export {out} --data DATA --out model.onnx")
+    tell(f"next: perceptree eval {quoted(out)} DATA")
+    tell(f"      edgetree export {quoted(out)} --data DATA --out model.onnx")

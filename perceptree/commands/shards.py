@@ -10,6 +10,7 @@ import typer
 
 from basetree.errors import SettingsError
 from basetree.program.console import print_found
+from basetree.program.quoting import quoted
 
 if TYPE_CHECKING:
     from basetree.jobs import Shard, Store
@@ -79,6 +80,6 @@ def print_shard(store: Store, shard: Shard, as_json: bool) -> None:
     }
     lines = [
         f"shard {shard}: {store.where}/{shard.file}",
-        f"next, when all shards are finished: perceptree merge {store.where}",
+        f"next, when all shards are finished: perceptree merge {quoted(store.where)}",
     ]
     print_found(as_json, lambda: values, lambda: lines)

@@ -168,8 +168,11 @@ def _in_shards(
 ) -> None:
     """Simulate a shard; with Ray, or without --shard, all of the dataset."""
     from basetree.jobs import Progress
+    from perceptree.simulator.dataset.generate import check_workers
     from perceptree.simulator.dataset.shards import merge_shards, run_synth_shard
 
+    if workers is not None:
+        check_workers(workers)
     chosen, store = share.chosen(), synth.store
     progress = Progress(_LABEL)
     if share.ray is not None:
@@ -198,8 +201,8 @@ def _frozen(dataset: DatasetOptions, pictures: PictureOptions) -> str | None:
     if pictures != PictureOptions() or dataset != DatasetOptions(preset=preset):
         mix = "paper" if preset == "test" else "field"
         raise SettingsError(
-            f"--preset {preset} is frozen: expected no options besides --out, --workers and"
-            f" --json; use --preset {mix} to change settings"
+            f"--preset {preset} is frozen: expected no options besides --out, --workers,"
+            f" --shard, --ray and --json; use --preset {mix} to change settings"
         )
     return preset
 

@@ -10,6 +10,7 @@ import typer
 
 from basetree.counts import counted
 from basetree.program.console import print_found
+from basetree.program.quoting import quoted
 
 if TYPE_CHECKING:
     from perceptree.simulator import SynthReport
@@ -48,14 +49,16 @@ def print_result(report: SynthReport, as_json: bool, frozen: str | None = None) 
     ]
     fails = False
     if isinstance(report.directory, str):
-        lines.append(f"next: perceptree eval CHECKPOINT {report.directory} --shards FOLDER")
+        lines.append(f"next: perceptree eval CHECKPOINT {quoted(report.directory)} --shards FOLDER")
     elif frozen is not None:
         values["frozen"], messages, fails = _compare(report.directory, frozen)
         lines += messages
     elif report.frames.get("train"):
-        lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
+        lines.append(
+            f"next: perceptree train {quoted(report.directory)} --out runs/depth --modality depth"
+        )
     else:
-        lines.append(f"next: edgetree eval depth {report.directory}")
+        lines.append(f"next: edgetree eval depth {quoted(report.directory)}")
     print_found(as_json, lambda: values, lambda: lines)
     if fails:
         raise typer.Exit(1)

@@ -11,6 +11,7 @@ import typer
 from basetree.program.console import print_json, tell
 from basetree.program.options import expand_groups
 from basetree.program.progress import counter
+from basetree.program.quoting import quoted
 from perceptree.commands.options import Json
 from perceptree.commands.progress import TrainingBar, say
 from perceptree.commands.train_options import (
@@ -84,4 +85,6 @@ def _print_result(report: TrainReport, data: Path, as_json: bool) -> None:
         return
     tell(f"val: box AP {metrics.box_ap:.1f}, AP50 {metrics.box_ap50:.1f}")
     tell(f"{report.checkpoint}")
-    tell(f"next: edgetree export {report.checkpoint} --data {data} --out model.onnx")
+    tell(
+        f"next: edgetree export {quoted(report.checkpoint)} --data {quoted(data)} --out model.onnx"
+    )

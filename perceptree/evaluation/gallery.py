@@ -68,11 +68,16 @@ def example_images(measured: Measured) -> dict[str, list[ExampleImage]]:
         )
         for fit, index in fits
     ]
+    best = _first(found)
+    chosen = {
+        "best": best,
+        "worst": _first([case for case in reversed(found) if case not in best]),
+        "missed": _first(_missed(measured)),
+        "invented": _first(_invented(measured)),
+    }
     return {
-        "best": _make_examples(measured, found),
-        "worst": _make_examples(measured, found[: _PER_GALLERY - 1 : -1]),
-        "missed": _make_examples(measured, _missed(measured)),
-        "invented": _make_examples(measured, _invented(measured)),
+        name: list(read_ahead(lambda case: _make_example(measured, case), cases))
+        for name, cases in chosen.items()
     }
 
 
@@ -135,15 +140,15 @@ def _nearest(box: Float, others: Float, name: str) -> list[str]:
     return [f"overlaps {name} by {most:.2f}"] if most >= _MIN_MENTIONED_OVERLAP else []
 
 
-def _make_examples(measured: Measured, cases: Sequence[_Case]) -> list[ExampleImage]:
-    """Make images of the first cases, with a limit per frame."""
+def _first(cases: Sequence[_Case]) -> list[_Case]:
+    """The first cases, with a limit per frame."""
     chosen: list[_Case] = []
     for case in cases:
         if sum(other.frame == case.frame for other in chosen) < _PER_FRAME:
             chosen.append(case)
         if len(chosen) == _PER_GALLERY:
             break
-    return list(read_ahead(lambda case: _make_example(measured, case), chosen))
+    return chosen
 
 
 def _make_example(measured: Measured, case: _Case) -> ExampleImage:

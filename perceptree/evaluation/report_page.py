@@ -170,7 +170,7 @@ def _groups(figures: Figures) -> str:
 def _pictures(measured: Measured) -> str:
     examples = example_images(measured)
     both = measured.store.spec.modality != "rgb"
-    depth = " Left: colour image. Right: depth, near is bright." if both else ""
+    depth = " Left: colour image, where there is one. Right: depth, near is bright." if both else ""
     words = (
         f"{_sign(TRUTH, '□')} label, keypoints as rings {_sign(FOUND, '□')} detection, keypoints"
         f" as discs.{depth} Other boxes are drawn faintly.<br>"

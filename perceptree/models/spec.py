@@ -34,7 +34,6 @@ _PROPOSALS = limits(1, 100_000)
 _IOU = limits(over=0, most=1)
 _SCORE = limits(0, under=1, expected="within [0, 1)")
 _REDUCTION = limits(1, 2)
-_GRIDS = names(get_args(KeypointGrid), "'subcell' or 'pixels'")
 _PLAIN_TYPES: dict[str, tuple[type, ...]] = {
     "str": (str,),
     "int": (int,),

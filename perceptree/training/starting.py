@@ -9,13 +9,13 @@ from typing import Any, Literal
 from torch import Tensor
 
 from basetree.errors import SettingsError
+from basetree.files.reading import file_sha256
 from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint
 from perceptree.models.branches import joined_spec, load_branches
 from perceptree.models.checkpoint import check_tensors
 from perceptree.models.packaged import PACKAGED_WEIGHTS
 from perceptree.models.pretrained import load_coco, load_imagenet
-from perceptree.models.weights.reading import file_sha256
 
 
 @dataclass(frozen=True)

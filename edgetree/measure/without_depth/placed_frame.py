@@ -117,7 +117,6 @@ class PlacedFrame(FittedFrame):
             edges_valid=valid,
             up=np.array([each.up for each in at]).reshape(-1, 3),
             up_covariance=np.array([each.covariance for each in at]).reshape(-1, 3, 3),
-            up_given=verticals.stem_information is None,
         )
 
     def placed(self, ways: list[Way], verticals: Verticals) -> PlacedFrame:

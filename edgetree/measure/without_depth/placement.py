@@ -34,7 +34,6 @@ class SeenStems:
         edges_valid: (2, T, S) which of these are seen.
         up: (T, 3) the vertical at each stem.
         up_covariance: (T, 3, 3) of its error, in rad².
-        up_given: Whether the vertical is given, and not estimated.
     """
 
     numbers: Index
@@ -51,7 +50,6 @@ class SeenStems:
     edges_valid: Bool
     up: Float
     up_covariance: Float
-    up_given: bool
 
     def __len__(self) -> int:
         return len(self.foot_px)

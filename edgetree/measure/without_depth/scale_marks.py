@@ -62,7 +62,8 @@ class ScaleMark:
             )
         object.__setattr__(self, "points_px", points_px)
         sides = np.roll(points_px, -1, axis=0) - points_px
-        turns = np.cross(sides, np.roll(sides, -1, axis=0))
+        following = np.roll(sides, -1, axis=0)
+        turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
         if len(points_px) == 4 and np.isfinite(turns).all() and not (turns > 0).all():
             raise InputError(
                 f"the corners of {self.name} are {points_px.tolist()}: expected those of a square,"

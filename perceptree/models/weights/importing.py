@@ -11,13 +11,14 @@ import torch
 from torch import Tensor
 
 from basetree.errors import SettingsError
+from basetree.files.reading import file_sha256
 from perceptree.errors import CheckpointError
 from perceptree.models.checkpoint import check_tensors, check_values, tensors_of
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import Modality, ModelSpec
 from perceptree.models.weights.detectron2 import our_name, their_name
 from perceptree.models.weights.normalisation import PixelStd, StrideIn
-from perceptree.models.weights.reading import Tensors, file_sha256, read_weights
+from perceptree.models.weights.reading import Tensors, read_weights
 from perceptree.models.weights.recognition import ImportOptions, RecognisedNetwork, recognise
 
 _STEM = "backbone.bottom_up.stem.conv1.weight"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import pickle
 import re
@@ -75,12 +74,6 @@ def _check_sum(path: Path, values: Mapping[str, Any]) -> None:
             f"{path}: {len(values)} tensors of {claimed} bytes in a file of {size} bytes, expected"
             " each with data of its own"
         )
-
-
-def file_sha256(path: Path) -> str:
-    """The SHA-256 of a file's bytes, in hexadecimal."""
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _content(path: Path) -> Any:

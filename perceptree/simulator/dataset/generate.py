@@ -93,7 +93,7 @@ def generate_dataset(
             killed.
     """
     if workers is not None:
-        check_number("workers", workers, 1, 1024)
+        check_workers(workers)
     plan = DatasetPlan(settings, seed, files, photographs)
     jobs = scene_jobs(directory, frames, plan)
     try:
@@ -105,6 +105,11 @@ def generate_dataset(
         return collect(directory, _all_records(jobs), plan.settings.splits)
     except OSError as error:
         raise storage_error(error, directory) from error
+
+
+def check_workers(workers: int) -> None:
+    """Raise SettingsError if a number of processes is not from 1 to 1024."""
+    check_number("workers", workers, 1, 1024)
 
 
 def scene_jobs(

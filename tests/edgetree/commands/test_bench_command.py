@@ -77,6 +77,14 @@ def test_bench_of_backbones_prints_the_papers_table(
     assert "{" not in done.out
 
 
+def test_an_output_in_the_place_of_the_model_is_refused(run_cli: Any, model: Path) -> None:
+    before = model.read_bytes()
+    done = run_cli("bench", model, "--out", model, *QUICK)
+    assert done.code == 2
+    assert "expected another path" in done.err
+    assert model.read_bytes() == before
+
+
 def test_without_torch_the_packaged_files_of_a_network_are_measured(
     run_cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

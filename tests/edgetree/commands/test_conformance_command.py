@@ -21,6 +21,8 @@ def test_a_kit_is_made_run_and_checked(run_cli: Cli, tmp_path: Path) -> None:
     assert record["trees"] > 20
     ran = run_cli("conformance", "run", kit, "--out", results, "--threads", 1, "--rounds", 1)
     assert (ran.code, ran.out) == (0, "")
+    onto = run_cli("conformance", "run", kit, "--out", kit / "kit.json")
+    assert (onto.code, "kit.json of the kit" in onto.err) == (2, True)
     checked = run_cli("conformance", "check", kit, results)
     assert checked.code == 0
     assert checked.out.splitlines()[-1] == "passed: it finds the kit's trees"

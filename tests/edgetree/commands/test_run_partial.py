@@ -16,7 +16,9 @@ import cv2
 import numpy as np
 import pytest
 
+from basetree.errors import CheckFailed, InputError
 from edgetree.commands import frame_results
+from edgetree.commands.frame_results import LeftOut
 
 Cli = Callable[..., Any]
 
@@ -80,6 +82,19 @@ def test_bench_measures_the_other_frames(run_cli: Cli, model: Path, mixed: Path)
     lines = done.err.splitlines()
     assert lines[0].startswith(f"left out: image {mixed / 'aa.jpg'} cannot be read (8 bytes)")
     assert lines[-1] == "edgetree: 1 of 3 frames left out, see above"
+
+
+def test_frames_with_the_same_reason_are_counted_each(capsys: pytest.CaptureFixture[str]) -> None:
+    left_out = LeftOut(strict=False)
+    for _ in range(5):
+        left_out.add(ValueError("the same"))
+    assert capsys.readouterr().err.count("left out: the same") == 1
+    with pytest.raises(CheckFailed, match="5 of 8 frames left out"):
+        left_out.check_none(3)
+    with pytest.raises(InputError, match="all 5 frames left out"):
+        left_out.check_some(0)
+    with pytest.raises(InputError, match="there is no frame"):
+        LeftOut(strict=False).check_some(0)
 
 
 def test_a_frame_that_does_not_fit_the_camera_is_left_out(

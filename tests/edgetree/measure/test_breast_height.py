@@ -69,10 +69,10 @@ def test_low_plants_lift_the_plane_above_the_ground():
     ground = BaseGround(plane, Verticals(np.array([0.0, -1.0, 0.0])).at(0, None))
     assert 0.0005 < ground.lift_m < plane.residual_std_m
     along, point = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 4.0])
-    height = ground.height_m(point, along, 0.0, 0.0)
+    height = ground.height_m(point, along, 0.0)
     assert height.value == pytest.approx(float(plane.height_m(point)) + ground.lift_m, abs=1e-5)
     raised = point + ground.axis_length_m(point, along, 0.0, 1.3) * along
-    assert ground.height_m(raised, along, 0.0, 0.0).value == pytest.approx(1.3)
+    assert ground.height_m(raised, along, 0.0).value == pytest.approx(1.3)
 
 
 def test_breast_height_is_a_setting(scene, pole, exact):

@@ -103,6 +103,15 @@ def test_each_frame_gets_one_answer_however_fast_they_come(
     assert len(running.results) == 30 - len(unused)
 
 
+def test_answers_that_come_while_another_is_waited_for_are_kept(
+    running: Any, client: Client, make_frame: MakeFrame
+) -> None:
+    sent = client.send(make_frame(0))
+    client.measure(make_frame(1))
+    client.status()
+    assert client.receive(1.0).id == sent
+
+
 def test_frames_that_wait_are_answered_when_the_service_ends(make_frame: MakeFrame) -> None:
     with (
         Service("tcp://127.0.0.1:0") as service,

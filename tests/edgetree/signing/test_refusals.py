@@ -72,7 +72,7 @@ def test_a_longer_model_is_refused(machine: Machine, model: Path) -> None:
     assert "it was changed, or is another file" in refusal(model)
 
 
-def test_every_changed_byte_of_the_signature_is_refused(machine: Machine, model: Path) -> None:
+def test_changed_bytes_of_the_signature_are_refused(machine: Machine, model: Path) -> None:
     file = machine.sign(model)
     whole = file.read_bytes()
     said = parse_envelope(whole.decode())

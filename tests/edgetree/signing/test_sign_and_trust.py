@@ -136,6 +136,7 @@ def test_an_encrypted_key_needs_its_passphrase(
         (("sign", "{model}", "--key", "{key}", "--valid-until", "soon"), "expected a date"),
         (("sign", "{model}", "--new-key", "a.pem"), "expected only one of them"),
         (("sign", "--new-key", "a.pub"), "does not end in .pub"),
+        (("sign", "--new-key", ""), "expected the name of a new file"),
         (("sign", "--new-key", "none/a.pem"), "cannot be written"),
         (("trust", "{key}"), "is a private key: expected the public key"),
         (("trust", "{model}"), "not a text file"),

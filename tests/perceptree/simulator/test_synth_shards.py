@@ -139,3 +139,12 @@ def test_merging_what_is_no_shard_is_one_line(call: Call, tmp_path: Path) -> Non
     code, _, told = call("merge", tmp_path / "a", tmp_path / "b", "--out", tmp_path / "out")
     assert code == 2
     assert "has other settings than the shards" in told
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_a_wrong_number_of_processes_is_one_line(call: Call, tmp_path: Path, workers: int) -> None:
+    code, _, told = call(
+        "synth", "--out", tmp_path, *OPTIONS, "--shard", "1/2", "--workers", workers
+    )
+    assert code == 2
+    assert f"workers is {workers}: expected 1 to 1024" in told
