@@ -108,6 +108,11 @@ class PinholeCamera:
             object.__setattr__(self, name, value)
 
     @property
+    def has_size(self) -> bool:
+        """Whether `width` and `height` are known, and not guessed as for files without them."""
+        return True
+
+    @property
     def lens(self) -> Lens:
         """The distortion."""
         return Lens(self.distortion_model, self.distortion)

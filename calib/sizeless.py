@@ -35,6 +35,27 @@ class SizelessCamera(PinholeCamera):
         """
         return _of_size(self, width, height)
 
+    @property
+    def has_size(self) -> bool:
+        """False."""
+        return False
+
+    def cropped(self, x_px: int, y_px: int, width: int, height: int) -> PinholeCamera:
+        """Return the camera of a crop of the image, whose size is known then."""
+        return PinholeCamera(
+            *(width, height, self.fx, self.fy, self.cx - x_px, self.cy - y_px),
+            self.distortion,
+            self.distortion_model,
+        )
+
+    def binned(self, columns: int, rows: int) -> PinholeCamera:
+        """Return the camera of images whose pixels are `columns` x `rows` pixels of this one."""
+        if min(columns, rows) < 1:
+            raise CameraError(f"binning is {columns}x{rows}: expected 1x1 or more")
+        centre = ((self.cx + 0.5) / columns - 0.5, (self.cy + 0.5) / rows - 0.5)
+        lens = (self.distortion, self.distortion_model)
+        return sizeless_camera(self.fx / columns, self.fy / rows, *centre, *lens)
+
     def _changed(self, **values: Any) -> PinholeCamera:
         raise CameraError(
             "the camera's file does not say how large its images are: expected"

@@ -80,15 +80,19 @@ class StereoPair:
                 f" {ahead:.3g} m ahead of the left one, turned by {np.degrees(turn_rad):.3g}"
                 f" degrees: expected cameras side by side, turned by {_MOST_TURN_DEG:g} at most"
             )
-        sizes = [(camera.width, camera.height) for camera in (self.left, self.right)]
-        if sizes[0] != sizes[1]:
-            (width, height), other = sizes[0], sizes[1]
-            raise CameraError(
-                f"the right camera is for {other[0]}x{other[1]} px and the left one for"
-                f" {width}x{height}: expected one size, as `PinholeCamera.scaled` gives it"
-            )
+        self._check_sizes()
         if len({camera.distortion_model for camera in (self.left, self.right)}) > 1:
             raise CameraError("one lens is a fisheye and the other is not: expected equal lenses")
+
+    def _check_sizes(self) -> None:
+        """Rectification takes one size; that of files without one is told by `scaled`."""
+        left, right = self.left, self.right
+        differ = (left.width, left.height) != (right.width, right.height)
+        if left.has_size and right.has_size and differ:
+            raise CameraError(
+                f"the right camera is for {right.width}x{right.height} px and the left one for"
+                f" {left.width}x{left.height}: expected one size, as `PinholeCamera.scaled` gives"
+            )
 
     def scaled(self, width: int, height: int) -> StereoPair:
         """The pair for pictures of another size; CameraError if their shape is another."""

@@ -231,8 +231,9 @@ class TreeDetections:
         from edgetree.drawing import draw_trees
 
         expected = (self.image_height, self.image_width, 3)
-        if np.shape(picture) != expected or picture.dtype != np.uint8:
-            found = f"{getattr(picture, 'dtype', type(picture).__name__)} {np.shape(picture)}"
+        dtype = getattr(picture, "dtype", type(picture).__name__)
+        if np.shape(picture) != expected or dtype != np.uint8:
+            found = f"{dtype} {np.shape(picture)}"
             raise InputError(f"picture is {found}: expected uint8 {expected}")
         return draw_trees(picture, self)
 

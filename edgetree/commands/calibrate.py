@@ -265,7 +265,7 @@ def _depth_scale(
             read_target(
                 frame.name, result.camera, poses[frame.name], points_px[frame.name], frame.depth_m
             )
-            for frame in track(readable(frames, left_out.add), "reading depth", frames.count)
+            for frame in track(readable(frames, left_out.add_once), "reading depth", frames.count)
             if frame.name in poses and frame.depth_m is not None
         ],
         side_m,

@@ -62,12 +62,17 @@ class LeftOut:
         self.reasons: list[str] = []
         self.count = 0
 
+    def add_once(self, error: Exception) -> None:
+        """Do as `add`, but for a frame of which the same was told before."""
+        if _reason(error) not in self.reasons:
+            self.add(error)
+
     def add(self, error: Exception) -> None:
         """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
         self.count += 1
-        reason = short_line(" ".join(str(error).split()))
+        reason = _reason(error)
         if reason not in self.reasons:
             self.reasons.append(reason)
             complain(f"left out: {reason}")
@@ -86,6 +91,10 @@ class LeftOut:
         if self.count:
             frames = counted(self.count + results, "frame")
             raise CheckFailed(f"{self.count} of {frames} left out, see above")
+
+
+def _reason(error: Exception) -> str:
+    return short_line(" ".join(str(error).split()))
 
 
 @dataclass

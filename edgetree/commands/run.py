@@ -40,7 +40,7 @@ def run(
     each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the results so far.
     """
     from edgetree.catalogue import suited_model
-    from edgetree.commands.frame_results import LeftOut, Totals, warnings_shown
+    from edgetree.commands.frame_results import LeftOut, Totals, source_remarks, warnings_shown
     from edgetree.commands.guarded_outputs import GuardedOutputs
     from edgetree.commands.other_model import OtherModel
     from edgetree.commands.run_results import (
@@ -92,6 +92,9 @@ def run(
         shown = not results.is_on_terminal(as_json=as_json)
         is_interrupted = _write_all(results.of(frames, shown=shown), writes)
         if not is_interrupted:
+            if not results.totals.frames:
+                for line in source_remarks(frames):
+                    note(line)
             results.left_out.check_some(results.totals.frames)
     if as_json:
         print_json(run_object(results, is_interrupted=is_interrupted))

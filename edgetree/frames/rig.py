@@ -359,7 +359,7 @@ def _depth_camera_of(
 
 def _of_size(camera: calib.PinholeCamera, width: int, height: int) -> calib.PinholeCamera:
     same = (camera.width, camera.height) == (width, height)
-    return camera if same else camera.scaled(width, height)
+    return camera if same and camera.has_size else camera.scaled(width, height)
 
 
 def unit_vector(direction: ArrayLike) -> NDArray[np.float64]:

@@ -118,6 +118,7 @@ class LivePipeline:
         self._reopen_s = reopen_s
         self._on_unused = on_unused
         self._stopping = threading.Event()
+        self._was_begun = False
         self._source: FrameSource | None = None
         self._frames: Handover[_Arrived] = Handover()
         self._detected: Handover[_Detected] = Handover()
@@ -147,8 +148,11 @@ class LivePipeline:
             InputError: The source cannot be opened or read, or was iterated over before.
             ModelFileError: The model fails.
         """
-        if self._stopping.is_set():
+        if self._was_begun:
             raise InputError("this LivePipeline has ended: expected a new one to go on")
+        self._was_begun = True
+        if self._stopping.is_set():
+            return
         source = self._source = self._open_source()
         self._frames = Handover(newest_only=source.is_live, on_replaced=self._replaced)
         threads = [

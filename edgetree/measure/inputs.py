@@ -11,7 +11,6 @@ from basetree.arrays import Bool, Float
 from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 from calib.directions import unit
-from calib.sizeless import SizelessCamera
 from calib.transform import check_on_machine
 from edgetree.detections import TreeDetections
 from edgetree.measure.frame import DepthFrame
@@ -81,15 +80,7 @@ def unit_up(up_camera: ArrayLike) -> Float:
         InputError: The value is not a direction, or the camera would be upside down or look at
             the sky.
     """
-    try:
-        up: Float = np.asarray(up_camera, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"up_camera is {up_camera!r:.100}: expected a direction of three numbers"
-        ) from error
-    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
-        raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
-    up = unit(up / np.abs(up).max())
+    up = direction(up_camera)
     if up[1] > _MAX_DOWN or up[2] > _MAX_FORWARD:
         seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
         raise InputError(
@@ -134,7 +125,7 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
             " millimetres, which become metres by `depth / 1000`"
         )
     check_camera(camera)
-    if isinstance(camera, SizelessCamera):
+    if not camera.has_size:
         raise InputError(
             "the camera's file does not say how large its pictures are: expected"
             f" camera.scaled({expected[0]}, {expected[1]})"
@@ -157,3 +148,20 @@ def _check_masks(detections: TreeDetections, masks: Sequence[Bool] | Bool) -> No
             raise InputError(
                 f"a mask has shape {mask.shape} of {mask.dtype}: expected {expected} of bool"
             )
+
+
+def direction(up_camera: ArrayLike) -> Float:
+    """(3,) unit vector of the direction away from gravity, wherever the camera looks.
+
+    Raises:
+        InputError: The value is not a direction.
+    """
+    try:
+        up: Float = np.asarray(up_camera, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"up_camera is {up_camera!r:.100}: expected a direction of three numbers"
+        ) from error
+    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
+        raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
+    return unit(up / np.abs(up).max())

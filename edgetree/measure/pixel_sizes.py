@@ -15,7 +15,7 @@ from calib.directions import unit
 from edgetree.detections import TreeDetections
 from edgetree.measure.estimates import Estimate, Failure, JsonValue, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.inputs import checked_frame, vertical_of
+from edgetree.measure.inputs import checked_frame, direction
 from edgetree.measure.keypoints import LEFT, RIGHT, Keypoints
 from edgetree.measure.outline import trace_outline
 from edgetree.measure.profile import StemProfile
@@ -95,7 +95,7 @@ def pixel_sizes(
         raise InputError(
             f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
         )
-    up_camera = vertical_of(up_camera, None)
+    up_camera = None if up_camera is None else direction(up_camera)
     if not len(trees):
         return []
     settings = (settings or MeasureSettings()).scaled(trees.error_factor)

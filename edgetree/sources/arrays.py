@@ -68,8 +68,9 @@ def frame_from_arrays(
         raise InputError(f"frame {number} has neither image nor depth: expected one of them")
     pixels = None if image is None else bgr_image(image, colour_order, f"image of frame {number}")
     shape = np.asarray(depth if pixels is None else pixels).shape[:2]
-    if camera is not None and len(shape) == 2 and (camera.height, camera.width) != shape:
-        camera = camera.scaled(shape[1], shape[0])
+    if camera is not None and len(shape) == 2:
+        is_of_size = camera.has_size and (camera.height, camera.width) == shape
+        camera = camera if is_of_size else camera.scaled(shape[1], shape[0])
     depth_m, fault = None, None
     if depth is not None:
         convention = _convention(depth_scale_m, depth_kind)

@@ -238,9 +238,12 @@ def test_numbers_of_numpy_become_plain_ones() -> None:
         camera.scaled(640.5, 360)
 
 
-def test_a_camera_without_a_size_is_not_written_nor_cut() -> None:
+def test_a_camera_without_a_size_is_not_written_with_a_guess() -> None:
     camera = sizeless_camera(698.4, 698.4, 650.2, 365.9, (), "radtan")
-    for use in (camera.to_dict, lambda: camera.cropped(0, 0, 640, 360), lambda: camera.rotated(90)):
+    for use in (camera.to_dict, lambda: camera.rotated(90)):
         with pytest.raises(CameraError, match=r"expected camera\.scaled\(width, height\)"):
             use()
     assert camera.scaled(1280, 720).to_dict()["fx"] == 698.4
+    part = camera.cropped(0, 0, 640, 366)
+    assert part.scaled(640, 366) == PinholeCamera(640, 366, 698.4, 698.4, 650.2, 365.9)
+    assert camera.binned(2, 2).scaled(640, 360).fx == 349.2

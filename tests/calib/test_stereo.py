@@ -12,6 +12,7 @@ from textured_pair import BASELINE_M, CAMERA, bent_pair, pictures
 from basetree.errors import InputError
 from calib import CameraError, PinholeCamera, RigidTransform
 from calib.files.stereo import load_stereo, save_stereo
+from calib.sizeless import sizeless_camera
 from calib.stereo import StereoPair
 
 
@@ -193,3 +194,12 @@ def test_pictures_that_are_not_of_8_bits_are_refused() -> None:
     left, right = pictures(bent_pair())
     with pytest.raises(CameraError, match="the left picture is float64: expected uint8"):
         bent_pair().rectified.depth(left.astype(float), right)
+
+
+def test_cameras_without_sizes_get_that_of_the_pictures() -> None:
+    sizes = [(319.0, 242.0), (325.0, 236.0)]
+    left, right = (sizeless_camera(525.0, 525.0, *centre, (), "radtan") for centre in sizes)
+    place = RigidTransform(np.eye(3), np.array([-0.12, 0.0, 0.0]))
+    pair = StereoPair(left, right, place).scaled(640, 480)
+    assert (pair.left.width, pair.right.height) == (640, 480)
+    assert pair.rectified.camera.fx == pytest.approx(525.0, rel=0.02)

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from basetree.errors import InputError
 from basetree.files.regular import open_regular
-from calib import RigidTransform
+from calib import PinholeCamera, RigidTransform
 from edgetree.frames.rig import Rig
 from edgetree.live.recording.messages import RecordedMessage, RecordingMessages
 from edgetree.live.results import LiveResult
@@ -128,13 +128,20 @@ def run_record(
         "model": {"file": model.name, "sha256": digest},
         "score_threshold": score_threshold,
         "rig": {
-            "camera": None if rig.camera is None else rig.camera.to_dict(),
+            "camera": None if rig.camera is None else _camera(rig.camera),
             "up_camera": rig.up_camera,
             "mounting": None if rig.mounting is None else _transform(rig.mounting),
             "uncertainty": asdict(rig.known_uncertainty()),
         },
         "measure": asdict(settings or MeasureSettings()),
     }
+
+
+def _camera(camera: PinholeCamera) -> dict[str, Any]:
+    """The camera; null for the size where its file does not state one."""
+    if camera.has_size:
+        return camera.to_dict()
+    return asdict(camera) | {"width": None, "height": None}
 
 
 def _transform(transform: RigidTransform) -> dict[str, Any]:

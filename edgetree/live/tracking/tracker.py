@@ -127,13 +127,13 @@ class StemTracker:
         if self._has_told or not is_wrong:
             return
         self._has_told = True
-        told = "frames' vertical: expected the direction away from gravity in the camera's axes"
+        axes = "the camera's axes (x right, y down, z forward)"
+        given, wanted = "vertical", f"the direction away from gravity in {axes}"
         if frame.pose is not None:
-            told = "frames' poses: expected those from the camera's axes, to a frame with z up,"
+            given, wanted = "poses", f"poses from {axes} to a frame with z up"
         _LOG.warning(
-            "%d of %d stems lie on the ground and are not followed by the %s (x right, y down,"
-            " z forward)",
-            *(self._lying, self._lying + self._standing, told),
+            "by the frames' %s, %d of %d stems lie on the ground and are not followed: expected %s",
+            *(given, self._lying, self._lying + self._standing, wanted),
         )
 
     def _border_doubt(self, trees: TreeDetections) -> Float:

@@ -9,6 +9,7 @@ import pytest
 
 import calib
 from basetree.errors import InputError, InputFileError
+from calib.sizeless import sizeless_camera
 from edgetree.commands.option_groups import RigOptions
 from edgetree.frames.frame import Frame
 from edgetree.frames.references import ScaleBar, SizeReferences
@@ -143,3 +144,11 @@ def test_references_that_depth_makes_needless_are_told(caplog: pytest.LogCapture
     bar = ScaleBar((10.0, 10.0, 20.0, 10.0), 0.2)
     Rig(references=SizeReferences(scale_bar=bar)).tell_depth()
     assert "frames of this source have depth, by which they are measured" in caplog.text
+
+
+def test_a_camera_without_a_size_has_that_of_the_picture() -> None:
+    camera = sizeless_camera(400.0, 400.0, 319.5, 239.5, (), "radtan")
+    found = Rig(camera=camera).camera_for(640, 480)
+    assert found is not None
+    assert found.has_size
+    assert found.to_dict()["fx"] == 400.0

@@ -50,7 +50,7 @@ def test_points_off_the_plane_make_heights_doubtful():
     vertical = Verticals(UP).at(0, None)
     stds_m = [
         BaseGround(replace(flat, inlier_fraction=share), vertical)
-        .height_m(np.array([0.0, 1.2, 4.0]), UP, 0.1, 0.0)
+        .height_m(np.array([0.0, 1.2, 4.0]), UP, 0.1)
         .std
         for share in (1.0, 0.7, 0.4)
     ]
