@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import frames, labelled
+from benchmarks.measure import SIMULATED, frames, labelled
 from benchmarks.measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
@@ -59,7 +59,11 @@ def shares_inside(cases: list[Case], factor: float) -> list[tuple[int, float]]:
     for found, depth, image, trees in cases:
         camera = PinholeCamera.from_dict(image["camera"])
         scaled = replace(found, error_factor=factor)
-        known = {"up_camera": image["up_camera"], "rig_uncertainty": EXACT_RIG}
+        known = {
+            "up_camera": image["up_camera"],
+            "rig_uncertainty": EXACT_RIG,
+            "settings": SIMULATED,  # as of cards
+        }
         results = measure_trees(scaled, read_depth(depth), camera, **known)
         for match in match_boxes(found.boxes_px, labelled(image, trees).boxes_px):
             for name in QUANTITIES:

@@ -194,9 +194,9 @@ class Case:
 
 
 def make_frames(data: Path, preset: str, seed: int, count: int) -> Path:
-    """The folder of a dataset; it is simulated if it is not there."""
+    """The folder of a dataset; what it lacks is simulated."""
     folder = data / f"{preset}-{seed}"
-    if not folder.is_dir():
+    if not list(folder.glob("*_RGB.json")):  # which are written last
         settings = PRESETS[preset].settings
         if seed != PRESETS[preset].seed:
             settings = replace(settings, views_per_scene=_VIEWS)

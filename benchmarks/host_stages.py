@@ -6,7 +6,7 @@ Resizing, depth encoding and leaving out trees that a better one covers are meas
 runtime does them. Resizing and encoding are measured as ONNX operators too, which could stand
 before the network in the file: by the operator Resize, whose filter is another, and by halving,
 which fits one size of frames. All are given as shares of the network's time, from rounds in turn.
-Frames are the package's samples, 1280x720; models are the package's, 640x384.
+Frames are the package's samples, 1280x720; models are `edge-n-depth` and `edge-n-rgb`, 640x384.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from onnx import TensorProto, helper, numpy_helper
 import calib
 from benchmarks.tools.program import finish, machine, program
 from benchmarks.tools.timing import in_turn
-from edgetree import TreeDetector, default_model, sample_frames
+from edgetree import TreeDetector, sample_frames
+from edgetree.catalogue import find_model
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.input_images import to_bytes
 from edgetree.runtime.providers import import_onnxruntime
@@ -127,7 +128,7 @@ def stages_of(
     modality: str, threads: int
 ) -> tuple[list[dict[str, Callable[[], Any]]], dict[str, int]]:
     """The stages on each sample frame, by name; and the largest difference of each resizing."""
-    detector = TreeDetector.load(default_model(modality), threads=threads)
+    detector = TreeDetector.load(find_model(f"edge-n-{modality}"), threads=threads)
     manifest, encoding = detector.manifest, None
     box = calib.Letterbox.fit(WIDTH, HEIGHT, manifest.input.width, manifest.input.height)
     pad_value = manifest.resize.pad_value

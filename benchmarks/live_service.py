@@ -123,7 +123,7 @@ class Others:
             self._broker = subprocess.Popen(words, stderr=subprocess.DEVNULL)
 
     def kill(self, name: str) -> None:
-        """Kill one of them, or let a client come that never reads and 20 that leave at once."""
+        """Kill one; or clients come, one that never reads and 40 of which half leave at once."""
         if name == "camera":
             self._camera.kill()
             self._camera.join()

@@ -6,7 +6,8 @@ The start is measured in new processes, alternating with one that only imports n
 onnxruntime. The work around the network (resizing, depth encoding, decoding the output) is the time
 of `detect` minus that of the session's `run` in the same call. Pasting the masks of ten trees and
 decoding image files are measured separately. Frames are the package's samples, 1280x720; models are
-the package's, 640x384. On a machine with other load, ratios are valid, absolute times are not.
+`edge-n-depth` and `edge-n-rgb`, 640x384. On a machine with other load, ratios are valid, absolute
+times are not.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ import numpy as np
 
 from benchmarks.tools.program import finish, machine, program
 from benchmarks.tools.timing import medians, time_ms
-from edgetree import SampleFrame, TreeDetections, TreeDetector, default_model, sample_frames
+from edgetree import SampleFrame, TreeDetections, TreeDetector, sample_frames
+from edgetree.catalogue import find_model
 from edgetree.runtime.providers import SessionSettings, import_onnxruntime
 from edgetree.runtime.session import Arrays, OrtSession
 
@@ -39,12 +41,12 @@ OURS = """
 import sys, time
 start = time.perf_counter()
 import edgetree.runtime.detector as runtime
-from edgetree.catalogue import default_model
+from edgetree.catalogue import find_model
 imported = time.perf_counter()
 import numpy as np
 frame = np.zeros((720, 1280, 3) if sys.argv[1] == "rgb" else (720, 1280), np.uint8)
 begin = time.perf_counter()
-detector = runtime.TreeDetector.load(default_model(sys.argv[1]), threads=int(sys.argv[2]))
+detector = runtime.TreeDetector.load(find_model("edge-n-" + sys.argv[1]), threads=int(sys.argv[2]))
 loaded = time.perf_counter()
 detector.detect(frame)
 done = time.perf_counter()
@@ -99,7 +101,7 @@ def paste_all(trees: TreeDetections) -> None:
 
 def measure_around(modality: str, threads: int, rounds: int) -> dict[str, float]:
     """Measure `detect`, the `run` inside it, and the pasting of ten masks, over the samples."""
-    session = TimedSession(default_model(modality), SessionSettings(threads=threads))
+    session = TimedSession(find_model(f"edge-n-{modality}"), SessionSettings(threads=threads))
     detector = TreeDetector(session, score_threshold=0.0)
     detector.warm_up()
     frames = [frame.image() if modality == "rgb" else frame.depth_m() for frame in sample_frames()]

@@ -2,9 +2,10 @@
 
 python -m benchmarks.serve --result benchmarks/results/serve.json
 
-A program of its own hands over pairs of 1280x720 px, colour in BGR and depth in 16 bits, at 30 per
-second. A crossing begins with the arrays in that program and ends with equal arrays in the service,
-ready for the pipeline. The answer takes as long as a short text. The ways take turns, in rounds.
+A program of its own hands over pairs of 1280x720 px, colour in BGR and depth in 16 bits, the
+next one 1/30 s after an answer. A crossing begins with the arrays in that program and ends with
+equal arrays in the service, ready for the pipeline. The answer takes as long as a short text. The
+ways take turns, in rounds.
 `busy` is the load of the machine's processors by others meanwhile, 1 for one of them.
 """
 

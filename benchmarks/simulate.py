@@ -42,7 +42,7 @@ class PeakMemory:
     """Records the peak memory of this process and its children until `stop`."""
 
     def __init__(self) -> None:
-        self.mb = 0.0
+        self.mib = 0.0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
@@ -50,13 +50,13 @@ class PeakMemory:
     def _watch(self) -> None:
         while not self._ended.wait(SAMPLE_S):
             every = family(os.getpid())
-            self.mb = max(self.mb, sum(memory_mib(pid, "smaps_rollup", "Pss") for pid in every))
+            self.mib = max(self.mib, sum(memory_mib(pid, "smaps_rollup", "Pss") for pid in every))
 
     def stop(self) -> float:
-        """Stop recording, and return the peak, MB."""
+        """Stop recording, and return the peak, MiB."""
         self._ended.set()
         self._thread.join()
-        return self.mb
+        return self.mib
 
 
 def shares_of_time(settings: SimulatorSettings, seed: int) -> dict[str, float]:
@@ -125,7 +125,7 @@ def main() -> None:
         "machine": platform.machine(),
         "duration_s": round(duration_s, 1),
         "frames_per_minute": round(60 * frames / duration_s, 1),
-        "peak_memory_mb": round(memory.stop()),
+        "peak_memory_mib": round(memory.stop()),
         "kb_per_frame": {
             **{k: round(v, 1) for k, v in size.items()},
             "all": round(sum(size.values()), 1),

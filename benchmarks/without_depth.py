@@ -1,14 +1,15 @@
 """Accuracy without depth: by the camera's height, by a marker, by the camera's motion.
 
-python -m benchmarks.without_depth --data FOLDER --frames 120 \\
+python -m benchmarks.without_depth --data FOLDER --frames 120 --seeds 1000 1032 \\
     --result benchmarks/results/without_depth.json
 
 FOLDER holds simulated datasets; their depth is not used, except to draw a marker onto a stem. Rigs
 are given with errors of the stated deviations (`without_depth_frames`). "given" uses exact outlines
-and keypoints with the usual settings, "network" those of `edge-n-rgb` on the colour picture. Drives
-of the ray caster give the motion. For each quantity: the stems asked for, the share given, the
-median error (relative, of heights in metres), the median standard deviation likewise, and the share
-inside the 95 % interval and beyond 3 standard deviations.
+and keypoints, "network" those of `edge-n-rgb` on the colour picture, both with the settings of
+simulated stems. Drives of the ray caster give the motion, where all stems are in all frames. For
+each quantity: the stems asked for, the share given, the median error (relative, of heights in
+metres), the median standard deviation likewise, and the share inside the 95 % interval and beyond 3
+standard deviations.
 """
 
 from __future__ import annotations

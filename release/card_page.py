@@ -19,7 +19,7 @@ def page(card: dict[str, Any]) -> str:
     """Make the page.
 
     Args:
-        card: Figures of the schema `edgetree.card/1`, as `model_cards.py` makes them.
+        card: Figures of the schema `edgetree.card/1`, as `release/cards.py` makes them.
     """
     parts = [
         f"# {card['model']}",
@@ -34,7 +34,8 @@ def page(card: dict[str, Any]) -> str:
         "## Metres",
         "With the simulated depth cameras, gravity given, against the simulated truth: median and"
         " 90th percentile of the absolute error. The last column is the share of true values inside"
-        " the stated 95 % intervals.",
+        " the stated 95 % intervals, with the settings of simulated stems and depth cameras"
+        " (`SIMULATED` in `benchmarks/measure.py`); the usual ones are for real stems, and wider.",
         *(part for name in _SETS for part in _metres(name, card[name]["metres"])),
         "## What it is bad at",
         "The groups of `test` and `field-test` in which it finds the smallest share of the trees:",

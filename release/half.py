@@ -2,7 +2,8 @@
 
 python -m release.half models/edge-n-depth.safetensors --out checkpoints/edge-n-depth.safetensors
 
-Of the weights' record, the scenes and looks of the runs that it is the average of are left out.
+Of the weights' record, the scenes and picture statistics of the runs that it is the average of are
+left out.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ python -m release.make edge-s-depth --work /tmp/try --small
 `recipes/NAME.sh` holds the commands of each model, one a line, with what is known of how it was
 made. They run in the folder --work, each is printed as it starts, and a command that has ended well
 is not run again: the same call goes on after an interruption. `WORK/NAME.done` lists those
-commands; from a line that was changed on, all are run anew.
+commands; from a line that was changed on, all are run again. Remove the folders of their runs
+before: a training goes on from the state that it finds, or refuses it.
 
 --dry-run prints the commands. --small tries them out in minutes: a few small frames, two steps a
 training at hardly any rate, which begins with the repository's weights where it would begin with

@@ -28,7 +28,7 @@ def score(
 ) -> dict[str, dict[str, Any]]:
     """Scores by quantity. A point counts as three readings, one for each coordinate."""
     errors: dict[str, list[tuple[float, float, bool, list[bool]]]] = {n: [] for n in quantities}
-    asked = dict.fromkeys(quantities, 0)
+    asked, given = dict.fromkeys(quantities, 0), dict.fromkeys(quantities, 0)
     for tree, truth in readings:
         for name in quantities:
             value = getattr(tree, name)
@@ -40,11 +40,12 @@ def score(
                 found = [(Estimate(at, std), true) for at, std, true in pairs]
             else:
                 continue
+            given[name] += 1
             warned = bool(tree.evidence.warnings)
             for each, true in found:
                 inside = [_holds(each, level, true) for level in LEVELS]
                 errors[name].append((each.value - true, each.std, warned, inside))
-    return {name: _summary(asked[name], errors[name]) for name in quantities}
+    return {name: _summary(asked[name], given[name], errors[name]) for name in quantities}
 
 
 def _holds(value: Estimate, level: float, true: float) -> bool:
@@ -54,7 +55,9 @@ def _holds(value: Estimate, level: float, true: float) -> bool:
     return bool(abs(value.value - true) <= NormalDist().inv_cdf((1 + level) / 2) * value.std)
 
 
-def _summary(asked: int, errors: list[tuple[float, float, bool, list[bool]]]) -> dict[str, Any]:
+def _summary(
+    asked: int, given: int, errors: list[tuple[float, float, bool, list[bool]]]
+) -> dict[str, Any]:
     if not errors:
         return {"stems": asked, "given": 0}
     error = np.array([each[0] for each in errors])
@@ -62,10 +65,9 @@ def _summary(asked: int, errors: list[tuple[float, float, bool, list[bool]]]) ->
     warned = np.array([each[2] for each in errors])
     inside = np.array([each[3] for each in errors]).mean(0)
     beyond = np.abs(error) > 3 * std
-    each_stem = 3 if len(errors) > asked else 1
     return {
         "stems": asked,
-        "given": len(errors) // each_stem,
+        "given": given,
         "bias": round(float(error.mean()), 4),
         "rmse": round(float(np.sqrt((error**2).mean())), 4),
         "median_std": round(float(np.median(std)), 4),

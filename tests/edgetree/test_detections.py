@@ -109,7 +109,7 @@ def test_a_plot_is_a_changed_copy_of_the_picture() -> None:
     assert drawn.shape == picture.shape
     assert drawn.any()
     assert not picture.any()
-    with pytest.raises(InputError, match=r"picture has shape \(8, 8, 3\): expected \(80, 90, 3\)"):
+    with pytest.raises(InputError, match=r"is uint8 \(8, 8, 3\): expected uint8 \(80, 90, 3\)"):
         _detections().plot(picture[:8, :8])
 
 

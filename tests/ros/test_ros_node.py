@@ -143,7 +143,7 @@ def test_stems_are_published_as_detections_markers_and_json(start: Any) -> None:
 
 
 def test_inputs_are_subscribed_to_as_drivers_publish(start: Any) -> None:
-    graph = Graph(compressed=True)
+    graph = Graph(compressed=True, queue_size=4, max_time_difference=0.1)
     graph.remapped = {"color/image_raw": "/front/image", "imu": "/front/imu"}
 
     def spin(_: Any) -> None:
@@ -154,6 +154,7 @@ def test_inputs_are_subscribed_to_as_drivers_publish(start: Any) -> None:
         ("CompressedImage", "/front/image/compressed", "sensor data"),
         ("CompressedImage", "/depth/image_raw/compressedDepth", "sensor data"),
     ]
+    assert graph.pairing == (4, 0.1)
     assert graph.subscriptions["/front/imu"][1] == "sensor data"
     assert graph.subscriptions["/tf_static"][1].durability == "transient local"
     assert graph.is_shut_down

@@ -119,6 +119,7 @@ class Graph:
         self.subscriptions: dict[str, tuple[Callable[[Any], None], Any]] = {}
         self.published: dict[str, list[Any]] = defaultdict(list)
         self.pictures: list[tuple[str, str, Any]] = []
+        self.pairing: tuple[int, float] | None = None
         self.take: Callable[..., None] = lambda *_: None
         self.spin: Callable[[Any], None] = lambda _: None
         self.is_shut_down = False
@@ -130,7 +131,7 @@ class Graph:
 
         class Synchronizer:
             def __init__(self, subscribers: list[Any], queue: int, slop: float) -> None:
-                assert (queue, slop) == (10, 0.02)
+                graph.pairing = (queue, slop)
                 graph.pictures = subscribers
 
             def registerCallback(self, function: Any) -> None:

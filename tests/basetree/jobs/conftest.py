@@ -1,4 +1,4 @@
-"""Fixtures of the tests of fleet: small jobs, and an S3 server on loopback that can fail."""
+"""Fixtures of the tests of jobs: small ones, and an S3 server on loopback that can fail."""
 
 import threading
 import urllib.request

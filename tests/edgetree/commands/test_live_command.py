@@ -159,7 +159,7 @@ MISTAKES = {
         "latitude_deg is 95",
     ),
     "origin without map": (("--map-origin", "60,24"), "--map-origin given without --map"),
-    "map": (("--map", "a.shp"), "map (--map) is a.shp: expected a name in .geojson or .gpkg"),
+    "map": (("--map", "a.shp"), r"map \(--map\) is a.shp: expected a name in .geojson or .gpkg"),
     "udp": (("--udp", "controller"), "controller"),
     "outputs": (("--csv", "a", "--jsonl", "a"), "expected another path"),
     "twice": (("--csv", "a.csv", "--csv", "b.csv"), "--csv is given twice: expected once"),

@@ -30,7 +30,7 @@ void print_trees(const std::string& name, const std::string& answer) {
     for (const Json& tree : json.at("result").at("trees").list) {
         const Json& metres = tree.at("metres");
         if (metres.kind != Json::Kind::object) continue;  // neither depth nor another way
-        if (metres.at("diameter_m").kind == Json::Kind::number)
+        if (metres.has("diameter_m"))
             std::fprintf(stderr, "%s: tree %.0f, diameter %.3f +- %.3f m\n", name.c_str(),
                          tree.num("tree"), metres.num("diameter_m"), metres.num("diameter_std_m"));
         else
