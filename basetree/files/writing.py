@@ -17,7 +17,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -27,7 +27,6 @@ import cv2
 from numpy.typing import NDArray
 
 from basetree.errors import InputError, InputFileError
-from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 
 NOT_REGULAR = "not a regular file"
 _TEMPORARY = re.compile(r"\.calib-[0-9a-f]{16}\.part")
@@ -229,36 +228,6 @@ def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()
-
-
-def check_paths(outputs: Mapping[str, Path | None], inputs: Mapping[str, Path | None]) -> None:
-    """Check that no output overwrites an input or another output.
-
-    Args:
-        outputs: The output paths by option; None for options that are not given.
-        inputs: The input paths, likewise. A folder includes the images and depth images in it.
-
-    Raises:
-        InputError: If an output path occurs twice.
-    """
-    taken: dict[Path, str] = {}
-    for name, path in inputs.items():
-        if path is not None:
-            taken[path.resolve()] = f"{name} {path}"
-            taken.update(dict.fromkeys(_frames_in(path), f"a file of {name} {path}"))
-    for option, path in outputs.items():
-        if path is None:
-            continue
-        other = taken.setdefault(path.resolve(), f"{option} {path}")
-        if other != f"{option} {path}":
-            raise InputError(f"{option} is {path}, which is {other} too: expected another path")
-
-
-def _frames_in(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    known = {*IMAGE_SUFFIXES, *DEPTH_SUFFIXES}
-    return [path.resolve() for path in folder.iterdir() if path.suffix.lower() in known]
 
 
 def is_stream(path: Path) -> bool:

@@ -56,8 +56,7 @@ def bench(
 
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
-    from basetree.files.places import check_folders
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_folders, check_paths
     from edgetree.bench.text_table import text_lines
 
     check_paths(

@@ -61,7 +61,8 @@ def check(
     stems are too few, or several readings of the caliper look wrong.
     """
     from basetree.errors import CheckFailed, CheckUndecided, InputError
-    from basetree.files.writing import check_paths, output_folder
+    from basetree.files.places import check_paths
+    from basetree.files.writing import output_folder
     from edgetree.check import compare, read_caliper, read_measured
     from edgetree.check.files import check_files, write_files
     from edgetree.check.report import report_lines

@@ -97,8 +97,7 @@ def run(
     rounds: Annotated[int, typer.Option(min=0, help="Passes over the frames that are timed.")] = 0,
 ) -> None:
     """Find a kit's trees with this package, as on another processor or provider."""
-    from basetree.files.places import check_folders
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_folders, check_paths
     from edgetree.conformance import run_kit, write_results
     from edgetree.conformance.kit import KIT_FILES
 

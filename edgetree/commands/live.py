@@ -200,7 +200,7 @@ def checked_set_up(
     Raises:
         InputError: Options contradict each other, a value is wrong, or a file cannot be read.
     """
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_paths
     from edgetree.catalogue import suited_model
 
     rig_options = metres.as_rig_options()

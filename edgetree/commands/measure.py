@@ -239,8 +239,7 @@ def measure(
 
     Each value comes with its standard deviation, or the reason why it could not be measured.
     """
-    from basetree.files.places import check_folders
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_folders, check_paths
     from edgetree.commands.frame_results import kind_of_depth_words, note_files, unlike_words
     from edgetree.commands.other_model import better_result
     from edgetree.results.csv_table import measurements_of

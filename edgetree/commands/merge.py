@@ -31,7 +31,7 @@ def merge(
 
     The results are, row for row, those of one machine.
     """
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_paths
     from basetree.jobs import open_store, read_manifests
     from edgetree.shards.merging import Outputs, merge_frames
     from edgetree.shards.work import KIND

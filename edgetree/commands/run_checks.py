@@ -23,7 +23,7 @@ def check_options(
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
-    from basetree.files.writing import check_paths
+    from basetree.files.places import check_paths
     from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
     from edgetree.sources.videos import is_video, is_video_name

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from basetree.errors import InputError
-from basetree.files.writing import check_paths, output_folder, replacing
+from basetree.files.places import check_paths
+from basetree.files.writing import output_folder, replacing
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
