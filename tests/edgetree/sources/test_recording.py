@@ -179,7 +179,7 @@ def test_units_of_depth(bags: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(floats[1:], metres[1:])
     quarter = first("quarter", frame.depth, "16UC1", 0.00025).depth_m
     np.testing.assert_allclose(quarter, frame.depth / 4000, rtol=1e-6)
-    with pytest.raises(InputError, match=r"millimetres: give the unit with --depth-scale 0"):
+    with pytest.raises(InputError, match=r"divide by 1000, or give the unit with --depth-scale 0"):
         first("mm", metres * 1000, "32FC1")
     np.testing.assert_allclose(
         first("mm2", metres * 1000, "32FC1", 0.001).depth_m, floats, rtol=1e-6
