@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from basetree.files.regular import read_regular
-from perceptree.data.coco import SPLITS
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.plan import settings_sha256
+from perceptree.simulator.dataset.splits import SPLITS
 from perceptree.simulator.dataset.storage import FRAME_FOLDERS
 from perceptree.simulator.settings.presets import PRESETS
 

@@ -13,14 +13,13 @@ from typing import Any
 
 from basetree.errors import SettingsError
 from basetree.jobs import Store
-from perceptree.data.coco import SPLITS
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import write_contact_sheets
 from perceptree.simulator.dataset.pages import write_statistics
 from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.pool import draw_scenes
 from perceptree.simulator.dataset.scene_job import MAX_SCENES, SceneJob
-from perceptree.simulator.dataset.splits import assign_splits, split_shares
+from perceptree.simulator.dataset.splits import SPLITS, assign_splits, split_shares
 from perceptree.simulator.dataset.statistics import conditions
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,

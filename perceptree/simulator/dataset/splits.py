@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from perceptree.data.coco import SPLITS
 from perceptree.simulator.settings import SplitSettings
+
+SPLITS = ("train", "val", "test")  # as `perceptree.data.coco` has them, which needs torch
 
 _MIN_SHARE = 1e-9
 

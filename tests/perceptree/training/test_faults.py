@@ -174,8 +174,12 @@ def test_an_interrupt_while_the_best_weights_are_saved_comes_after_them(
         saved.append(path)
 
     monkeypatch.setattr("perceptree.training.trainer.save_checkpoint", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # workers of pytest have none
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert saved == [tmp_path / "run/best.safetensors"]
     assert torch.load(tmp_path / "run/state.pt")["best"] is not None
 
