@@ -64,7 +64,7 @@ def read_array_header(file: BinaryIO) -> ArrayHeader:
         raise ValueError("not the header of an array") from error
     shape, dtype = header.shape, header.dtype
     is_plain = dtype.itemsize > 0 and not dtype.hasobject and len(shape) <= _MOST_AXES
-    # The numbers of a subtype are more than the shape says.
+    # An item of a subtype holds several numbers, which the shape does not count.
     if not is_plain or dtype.subdtype is not None or min(shape, default=0) < 0:
         raise ValueError("not an array of numbers")
     return header

@@ -165,7 +165,7 @@ class Client:
         return self._received(timeout_s, timeout_s)
 
     def _received(self, wait_s: float, timeout_s: float) -> Answer:
-        """The next answer, within what is left of the time to wait for one."""
+        """The next answer within `wait_s`; an error names `timeout_s`, the whole time waited."""
         if not self._socket.poll(max(0.0, wait_s) * 1000):
             raise ServiceError(
                 f"the service at {self._address} does not answer within {timeout_s:.2g} s: expected"

@@ -166,7 +166,7 @@ class Trainer:
         return self.out / "best.safetensors"
 
     def check_best(self, say: Callable[[str], None]) -> None:
-        """Save the best weights anew after the next evaluation if their file is lost or damaged."""
+        """Forget the best weights if their file is lost or damaged, and say so."""
         if self.counts.best is not None:
             try:
                 load_checkpoint(self.checkpoint)

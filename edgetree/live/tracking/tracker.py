@@ -36,7 +36,7 @@ _MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
 # Trees without an axis are taken for a stem within half the width of their box, and at least this
 # angle, that is not further away than this.
 _MIN_HALF_WIDTH_RAD, _MAX_UNMEASURED_M = 0.03, 12.0
-# So many stems that lie on the ground by the vertical, and hardly one that stands, are told.
+# A warning needs so many stems that lie on the ground, and at most this share of them that stand.
 _MANY_LYING, _STANDING_SHARE = 8, 0.1
 
 
@@ -120,7 +120,7 @@ class StemTracker:
         return report_tracks(self._stems, self._motion, level, self._settings, self._remark)
 
     def _tell_lying(self, frame: Frame, measurements: list[TreeMeasurement], standing: int) -> None:
-        """Say once that the stems lie on the ground by the vertical: its axes are others."""
+        """Warn once if nearly all stems lie on the ground: the vertical is then in wrong axes."""
         self._standing += standing
         self._lying += sum(not isinstance(each.axis, Failure) for each in measurements) - standing
         is_wrong = self._lying >= _MANY_LYING and self._standing < _STANDING_SHARE * self._lying
