@@ -84,11 +84,11 @@ class RememberingDetector:
         self._detector, self.manifest = detector, detector.manifest
         self._known: dict[bytes, TreeDetections] = {}
 
-    def detect(self, image: NDArray[Any]) -> TreeDetections:
+    def detect(self, image: NDArray[Any], camera: PinholeCamera | None = None) -> TreeDetections:
         """The trees of a picture."""
         key = hashlib.sha256(image.tobytes()).digest()
         if key not in self._known:
-            self._known[key] = self._detector.detect(image)
+            self._known[key] = self._detector.detect(image, camera=camera)
         return self._known[key]
 
 

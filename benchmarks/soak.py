@@ -86,7 +86,7 @@ class Counts:
         """Detect and measure on one frame."""
         kind, image, camera, up = frame
         try:
-            found = self._detector.detect(image)
+            found = self._detector.detect(image, camera=camera)
             for tree in range(len(found)):
                 found.mask(tree)
             if self._measures:

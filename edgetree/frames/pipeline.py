@@ -197,12 +197,32 @@ def find_trees(frame: Frame, detector: TreeDetector, rig: Rig | None = None) -> 
 
     Raises:
         InputError: The frame does not have the kind of image that the model takes.
+        CameraError: The camera is for another aspect ratio.
     """
     image = image_for(detector, frame)
-    turn = (rig or Rig()).turn(frame)
+    rig = rig or Rig()
+    turn, camera = rig.turn(frame), _camera_of_depth(frame, rig)
+    if camera is not None:
+        camera = turn.camera(camera)
     start = time.perf_counter()
-    trees = turn.back.trees(detector.detect(_turned(image, turn)))
+    trees = turn.back.trees(detector.detect(_turned(image, turn), camera=camera))
     return FoundTrees.detected(trees, (time.perf_counter() - start) * 1000)
+
+
+def _camera_of_depth(frame: Frame, rig: Rig) -> PinholeCamera | None:
+    """The camera of a frame with depth that can be used; None without depth or camera."""
+    if frame.depth_m is None or frame.depth_fault is not None:
+        return None
+    height, width = frame.depth_m.shape
+    return _camera(frame, rig, width, height)
+
+
+def _camera(frame: Frame, rig: Rig, width: int, height: int) -> PinholeCamera | None:
+    """The camera of pictures of this size; raises CameraError with the frame's name."""
+    try:
+        return rig.camera_for(width, height) or frame.camera
+    except CameraError as error:
+        raise CameraError(f"{frame.where}: {error}") from error
 
 
 def _turned(image: FrameImage, turn: Turn) -> FrameImage:
@@ -234,10 +254,7 @@ def measure_frame(
     Raises:
         CameraError: The camera is for another aspect ratio.
     """
-    try:
-        camera = rig.camera_for(found.trees.image_width, found.trees.image_height) or frame.camera
-    except CameraError as error:
-        raise CameraError(f"{frame.where}: {error}") from error
+    camera = _camera(frame, rig, found.trees.image_width, found.trees.image_height)
     ways: list[Way] = []
     if frame.depth_m is None and rig.references is not None:
         camera = rig.references.camera_for(frame, camera)

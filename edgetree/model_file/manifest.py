@@ -143,6 +143,8 @@ class Manifest:
         error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `edgetree.measure.MeasureSettings` states; 1 in older files.
         inputs: The colour input and the depth input of a model of both; empty for one input.
+        reach_m: Largest distance from the camera at which trees were labelled, to the axis of the
+            stem at the felling cut, m; None if there was none, or it is not known.
         schema: Version of this layout.
 
     Raises:
@@ -178,6 +180,7 @@ class Manifest:
     training_pictures: tuple[UsualRange, ...] = ()
     error_factor: float = 1.0
     inputs: tuple[InputSpec, ...] = ()
+    reach_m: float | None = None
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:
@@ -187,6 +190,9 @@ class Manifest:
         plausible = smallest <= self.error_factor <= largest
         expected = f"{smallest:g} to {largest:g}"
         require(plausible, "error_factor", self.error_factor, expected)
+        reach_m = self.reach_m
+        known = reach_m is None or 0 < reach_m < math.inf
+        require(known, "reach_m", reach_m, "a distance over 0, or null")
         layout, order = LAYOUTS[self.modality], COLOUR_ORDERS[self.modality]
         require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
         colour = self.input.colour_order

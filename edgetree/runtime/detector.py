@@ -29,6 +29,7 @@ from edgetree.runtime.pairs import (
     prepare_pair,
 )
 from edgetree.runtime.providers import CPU, SessionSettings
+from edgetree.runtime.reach import within_reach
 from edgetree.runtime.session import InferenceSession, OrtSession
 
 DISPLAY_THRESHOLD: Final = 0.5
@@ -133,6 +134,7 @@ class TreeDetector:
         self,
         image: FrameImage | None = None,
         depth_m: NDArray[Any] | None = None,
+        camera: calib.PinholeCamera | None = None,
     ) -> TreeDetections:
         """Detect the trees in one image, or in colour and depth of one frame.
 
@@ -149,6 +151,9 @@ class TreeDetector:
             depth_m: Depth of the same camera and size: float (H, W), metres along the optical axis,
                 where 0.0, NaN and infinity mean no reading; or uint8 (H, W), encoded as described
                 in the manifest.
+            camera: Camera of the images, of their size. With it and with depth that the model
+                takes, trees that stand further away than those of its training are left out
+                (`edgetree.runtime.reach`). None if it is not known.
 
         Returns:
             The trees that reach the score threshold, in pixels of `image`, by descending score. Of
@@ -156,14 +161,29 @@ class TreeDetector:
 
         Raises:
             InputError: An image is not an array of this shape and dtype, is empty, or has negative
-                depths; or there is none that the model takes.
+                depths; there is none that the model takes; or the camera is of another size.
             ModelFileError: The model fails, or its outputs contradict its manifest.
         """
         if depth_m is not None:
             if isinstance(image, ColourAndDepth):
                 raise InputError("depth_m is given with a ColourAndDepth: expected one of them")
             image = ColourAndDepth(image, depth_m)
-        return self._detect_all([self._checked(image, "image")])[0]
+        checked = self._checked(image, "image")
+        if camera is not None:
+            _check_size(camera, checked)
+        (found,) = self._detect_all([checked])
+        return found if camera is None else self._within_reach(found, checked, camera)
+
+    def _within_reach(
+        self, found: TreeDetections, image: FrameImage, camera: calib.PinholeCamera
+    ) -> TreeDetections:
+        """The trees that reach the threshold where their distances count."""
+        reach_m = self.manifest.reach_m
+        depth = image.depth_m if isinstance(image, ColourAndDepth) else image
+        if reach_m is None or self._encoding is None or depth is None:
+            return found
+        depth_m = calib.decode_depth(depth, self._encoding) if depth.dtype == np.uint8 else depth
+        return within_reach(found, depth_m, camera, reach_m).above(self.score_threshold)
 
     def detect_batch(self, images: Sequence[FrameImage]) -> list[TreeDetections]:
         """Detect the trees in several images, which may differ in size.
@@ -332,6 +352,17 @@ class TreeDetector:
             alone=prepared.alone,
             error_factor=self.manifest.error_factor,
             by_network=True,
+        )
+
+
+def _check_size(camera: calib.PinholeCamera, image: FrameImage) -> None:
+    """Raise InputError if a camera is not of a checked image's size."""
+    images = (image.image, image.depth_m) if isinstance(image, ColourAndDepth) else (image,)
+    height, width = next(each.shape[:2] for each in images if each is not None)
+    if (camera.width, camera.height) != (width, height):
+        raise InputError(
+            f"the camera is for {camera.width}x{camera.height} px and the image has"
+            f" {width}x{height} px: expected one size"
         )
 
 
