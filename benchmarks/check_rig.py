@@ -30,6 +30,7 @@ from benchmarks.check_rig_faults import (
     warped,
 )
 from benchmarks.tools.program import finish, note, program
+from calib import PinholeCamera
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
 from edgetree.frames import Rig
@@ -86,7 +87,7 @@ class RememberingDetector:
 
     def detect(self, image: NDArray[Any], camera: PinholeCamera | None = None) -> TreeDetections:
         """The trees of a picture."""
-        key = hashlib.sha256(image.tobytes()).digest()
+        key = hashlib.sha256(image.tobytes() + repr(camera).encode()).digest()
         if key not in self._known:
             self._known[key] = self._detector.detect(image, camera=camera)
         return self._known[key]

@@ -23,7 +23,7 @@ import numpy as np
 
 from basetree.arrays import Float
 from benchmarks.tools.program import finish, note, program
-from calib import PinholeCamera, box_iou, read_depth
+from calib import box_iou, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import find_model
 from edgetree.demo.matching import match_boxes
@@ -87,8 +87,7 @@ def count(detector: TreeDetector, frames: list[FrameRecord], reach_m: float) -> 
     for frame in frames:
         assert frame.depth_path is not None
         picture = None if detector.manifest.takes_depth else read_image(frame.image_path)
-        camera = PinholeCamera.from_dict(frame.extra["camera"])
-        detections = detector.detect(picture, read_depth(frame.depth_path), camera)
+        detections = detector.detect(picture, depth_m=read_depth(frame.depth_path))
         total.update(kinds(detections.above(SCORE), frame, reach_m))
     false = {kind: total[kind] for kind in KINDS}
     return {

@@ -269,6 +269,18 @@ def false_trees() -> Iterator[str]:
     return table([f"`{record['test_set']}`, a frame", "false trees", *words.values()], rows)
 
 
+def reach() -> Iterator[str]:
+    """Trees found and false trees, without and with the camera."""
+    rows = []
+    for name, sets in stored("reach")["models"].items():
+        pairs = [sets[data] for data in ("test_set", "field_test_set")]
+        for words, way in (("image alone", "without_camera"), ("with the camera", "with_camera")):
+            found = " / ".join(_percent(pair[way]["found_share"]) for pair in pairs)
+            false = " / ".join(f"{pair[way]['false_per_frame']:.2f}" for pair in pairs)
+            rows.append([f"`{name}`, {words}", found, false])
+    return table(["`test` / `field-test`", "trees found", "false trees a frame"], rows)
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "values": values,
     "by-distance": by_distance,
@@ -282,4 +294,5 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "models": models,
     "both-images": both_images,
     "false-trees": false_trees,
+    "reach": reach,
 }

@@ -91,7 +91,7 @@ def stem_distances_m(
 
 def _lower_half(stem: Bool) -> Bool:
     """The cells (N, S, S) of a mask in the lower half of its rows."""
-    rows = stem.any(axis=2)
+    rows = np.asarray(stem.any(axis=2))
     first, after = rows.argmax(axis=1), rows.shape[1] - rows[:, ::-1].argmax(axis=1)
     lower = np.arange(rows.shape[1]) >= ((first + after) // 2)[:, None]
     return np.asarray(stem & lower[:, :, None])
@@ -105,8 +105,8 @@ def _at_cells(
     places = np.floor(corners_px[:, :, None] + cells_px[:, :, None] * middles).astype(np.intp)
     columns, rows = places[:, 0], places[:, 1]
     height, width = depth_m.shape
-    shown = ((rows >= 0) & (rows < height))[:, :, None]
-    shown = shown & ((columns >= 0) & (columns < width))[:, None, :]
+    inside = np.asarray((places >= 0) & (places < np.array([[width], [height]])))
+    shown = inside[:, 1, :, None] & inside[:, 0, None, :]
     found = depth_m[
         rows.clip(0, height - 1)[:, :, None], columns.clip(0, width - 1)[:, None, :]
     ].astype(np.float64)
