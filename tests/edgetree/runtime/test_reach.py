@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from basetree.arrays import Float32
-from calib import PinholeCamera
+from calib import DepthEncoding, PinholeCamera, encode_depth
 from edgetree import TreeDetections, TreeDetector, default_model, sample_frames
 from edgetree.errors import InputError
+from edgetree.frames import Frame, Rig
+from edgetree.frames.pipeline import find_trees
 from edgetree.runtime import FakeSession
 from edgetree.runtime.reach import stem_distances_m, within_reach
 
@@ -89,28 +91,65 @@ def test_only_the_lower_half_of_a_stem_counts() -> None:
     np.testing.assert_array_equal(seen.scores, found.scores)
 
 
-def test_a_detector_leaves_out_what_its_labels_leave_out() -> None:
-    manifest = TreeDetector.load(default_model("depth")).manifest
-    found = trees((310, 100, 330, 240), (600, 100, 620, 240))
+def faked(found: TreeDetections, reach_m: float | None = REACH_M) -> TreeDetector:
+    """A depth model that finds these trees in every picture of 640x480 px."""
+    manifest = replace(TreeDetector.load(default_model("depth")).manifest, reach_m=reach_m)
     scale = min(manifest.input.width / WIDTH, manifest.input.height / HEIGHT)
-    session = FakeSession.with_trees(
-        manifest, found.boxes_px * np.float32(scale), found.scores, masks=found.masks
-    )
-    detector = TreeDetector(session)
-    depth_m = stems_m(found, [9.0, 9.0])
+    boxes = found.boxes_px * np.float32(scale)
+    return TreeDetector(FakeSession.with_trees(manifest, boxes, found.scores, masks=found.masks))
 
-    assert len(detector.detect(depth_m)) == 2
-    np.testing.assert_allclose(
-        detector.detect(depth_m, camera=CAMERA).boxes_px, found.boxes_px[:1], atol=0.1
-    )
 
-    unlimited = FakeSession.with_trees(
-        replace(manifest, reach_m=None),
-        found.boxes_px * np.float32(scale),
-        found.scores,
-        masks=found.masks,
-    )
-    assert len(TreeDetector(unlimited).detect(depth_m, camera=CAMERA)) == 2
+# Of the same depth, one in the middle of the picture and one at its edge.
+PAIR = trees((310, 100, 330, 240), (600, 100, 620, 240))
+PAIR_M = stems_m(PAIR, [9.0, 9.0])
+
+
+def test_a_detector_leaves_out_what_its_labels_leave_out() -> None:
+    seen = faked(PAIR).detect(PAIR_M, camera=CAMERA)
+
+    np.testing.assert_allclose(seen.boxes_px, PAIR.boxes_px[:1], atol=0.1)
+    assert len(faked(PAIR).detect(PAIR_M)) == 2
+    assert len(faked(PAIR, reach_m=None).detect(PAIR_M, camera=CAMERA)) == 2
+
+
+def test_the_packaged_depth_files_know_their_reach() -> None:
+    models = [default_model("depth"), "edge-s-depth"]
+
+    assert {TreeDetector.load(model).manifest.reach_m for model in models} == {10.0}
+
+
+def test_encoded_depth_tells_distances_too() -> None:
+    detector = faked(PAIR)
+    assert detector.manifest.depth_encoding is not None
+    encoding = DepthEncoding.from_dict(dict(detector.manifest.depth_encoding))
+
+    assert len(detector.detect(encode_depth(PAIR_M, encoding), camera=CAMERA)) == 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "rig", "count"),
+    [
+        (Frame("a", None, None, PAIR_M, camera=CAMERA), Rig(), 1),
+        (Frame("a", None, None, PAIR_M), Rig(camera=CAMERA.scaled(1280, 960)), 1),
+        (Frame("a", None, None, PAIR_M), Rig(), 2),
+        (Frame("a", None, None, PAIR_M, depth_fault="late", camera=CAMERA), Rig(), 2),
+    ],
+    ids=["own camera", "camera of the rig", "no camera", "unusable depth"],
+)
+def test_a_frame_with_depth_and_camera_has_the_trees_within_reach(
+    frame: Frame, rig: Rig, count: int
+) -> None:
+    assert len(find_trees(frame, faked(PAIR), rig).trees) == count
+
+
+def test_a_camera_on_its_side_sees_the_same_trees() -> None:
+    """The picture is turned for the model, and its camera with it."""
+    turned_m = np.ascontiguousarray(np.rot90(PAIR_M))
+    frame = Frame("a", None, None, turned_m, camera=CAMERA.rotated(270))
+
+    (box,) = find_trees(frame, faked(PAIR), Rig(rotation_deg=90)).trees.boxes_px
+
+    np.testing.assert_allclose(box, [100, 310, 240, 330], atol=0.1)
 
 
 def test_a_camera_of_another_size_is_refused() -> None:
