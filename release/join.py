@@ -3,7 +3,7 @@
 python -m release.join data/former data/field --out data/both
 
 The new folder holds links to the datasets' folders, and label files with the frames of all of them.
-What photographs the frames owe is passed on.
+What photographs the frames owe and how far trees are labelled is passed on.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from basetree.files.writing import write_text
 from benchmarks.tools.program import command_line
 from perceptree.data import SPLITS
 from perceptree.simulator.photographs.folder import CREDITS, dataset_credits
+from perceptree.training.origin import labelled_reach_m
 
 FILES = ("file_name", "depth_file", "depth8_file", "depth_exact_file")
 
@@ -50,7 +51,9 @@ def join(folders: list[Path], out: Path) -> None:
     owed: list[dict[str, Any]] = []
     for folder in folders:
         owed += [each for each in dataset_credits(folder / "settings.json") if each not in owed]
-    write_text(out / "settings.json", json.dumps({CREDITS: owed}) + "\n")
+    reach_m = labelled_reach_m(folders)
+    content = {CREDITS: owed} | ({} if reach_m is None else {"reach_m": reach_m})
+    write_text(out / "settings.json", json.dumps(content) + "\n")
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Write how far trees are labelled into a model file: the reach of its labels.
+"""Add how far trees are labelled to a model file of a checkpoint that does not tell it.
 
 python -m release.reach MODEL.onnx paper-924
 

@@ -50,12 +50,14 @@ class ExportSource:
         calibration_frames: (N, H, W, 3) or (N, H, W) uint8 prepared frames for the ranges of
             activations, (N, H, W, 4) of colour and depth. Needed unless the precision is `fp32`.
         training_pictures: How the pictures of that data look; empty if it is not known.
+        reach_m: How far the trees of that data are labelled, m; None if it is not known.
     """
 
     model: TreeRCNN
     training_data: str
     calibration_frames: UInt8 | None = None
     training_pictures: tuple[UsualRange, ...] = ()
+    reach_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,9 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
         say: Called with progress messages.
     """
     described = describe(source.model, source.training_data, settings)
-    manifest = replace(described, training_pictures=source.training_pictures)
+    manifest = replace(
+        described, training_pictures=source.training_pictures, reach_m=source.reach_m
+    )
     say("tracing the graph")
     int8 = settings.precision == "int8"
     proto = trace(

@@ -85,7 +85,7 @@ def export_model(
     """
     settings = settings or ExportSettings()
     with _new_onnx_file(out) as file:
-        loaded, training_data, usual = load_model(checkpoint)
+        loaded, training_data, usual, reach_m = load_model(checkpoint)
         model = with_settings(loaded, settings)
         frames = read_verification_frames(data, model.spec)
         calibration_frames = None
@@ -94,7 +94,7 @@ def export_model(
                 calibration or data, model.spec, exclude=frames.paths
             )
         pictures = pictures_of(model, usual)
-        source = ExportSource(model, training_data, calibration_frames, pictures)
+        source = ExportSource(model, training_data, calibration_frames, pictures, reach_m)
         return _build_verify_write(source, settings, frames, file, out, say)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -28,20 +29,21 @@ UNTRAINED = "untrained"
 _LOGIT_STD = 2.0
 
 
-def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]:
+def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...], float | None]:
     """Load a checkpoint.
 
     Args:
         checkpoint: a perceptree checkpoint.
 
     Returns:
-        The model, the id of the data that it was trained on, and how their pictures look; nothing
-        of that from checkpoints of older versions.
+        The model, the id of the data that it was trained on, how their pictures look, and how far
+        their trees are labelled, m; nothing of that from checkpoints of older versions.
 
     Raises:
         MissingPackage: a package that exporting needs is not installed.
         CheckpointError: The checkpoint cannot be read.
-        InputError: What it tells of its training pictures is no range of numbers.
+        InputError: What it tells of its training pictures is no range of numbers, or the reach of
+            its labels is no distance.
     """
     _require_packages()
     from perceptree.models import load_checkpoint
@@ -49,7 +51,16 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]
     model, record = load_checkpoint(checkpoint)
     training = record.get("training", {})
     usual = _usual_ranges(training.get("pictures", {}), f"{checkpoint}: training pictures")
-    return model, str(training.get("data", "unknown")), usual
+    reach_m = _reach_m(training.get("reach_m"), f"{checkpoint}: reach_m of the training")
+    return model, str(training.get("data", "unknown")), usual, reach_m
+
+
+def _reach_m(stated: Any, where: str) -> float | None:
+    """The reach in a checkpoint's record, checked."""
+    is_number = isinstance(stated, int | float) and not isinstance(stated, bool)
+    if stated is None or (is_number and 0 < stated < math.inf):
+        return None if stated is None else float(stated)
+    raise InputError(f"{where} is {stated!r:.80}: expected a distance over 0")
 
 
 def _usual_ranges(looks: Any, where: str) -> tuple[UsualRange, ...]:

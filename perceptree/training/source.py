@@ -20,7 +20,7 @@ from perceptree.data.layouts import is_undivided
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.settings.training import DataSource, Engine
-from perceptree.training.origin import simulated_scenes, usual_pictures
+from perceptree.training.origin import labelled_reach_m, simulated_scenes, usual_pictures
 
 CACHE_FOLDER = ".frame-cache"
 _NAMES_SHOWN = 3
@@ -49,7 +49,7 @@ class TrainingData:
         val: Frames of the val split.
         mixed: Frames of the train split that is mixed in; None if there is none.
         origin: What a checkpoint tells of the frames: `scenes` of the simulator and `pictures`,
-            the usual ranges of their statistics, and `certain_m` if it has one.
+            the usual ranges of their statistics, and `certain_m` or `reach_m` if it has one.
         certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
     """
 
@@ -118,6 +118,7 @@ def open_data(
     ]
     sets = [(cache, train.frames) for cache, train in zip(caches, trains, strict=True)]
     scenes = simulated_scenes([frame for train in trains for frame in train.frames])
+    reach_m = None if certain_m else labelled_reach_m(each.directory for each in sources)
     return TrainingData(
         ", ".join(each.directory.name for each in sources),
         caches[0],
@@ -127,6 +128,7 @@ def open_data(
             "scenes": scenes,
             "pictures": usual_pictures(sets, spec),
             **({} if certain_m is None else {"certain_m": certain_m}),
+            **({} if reach_m is None else {"reach_m": reach_m}),
         },
         certain_m,
     )

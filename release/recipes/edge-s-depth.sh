@@ -35,7 +35,6 @@ perceptree calibrate-scores runs/s07/best.safetensors data/cal-paper data/cal-fi
 perceptree calibrate-scores runs/s07/scaled.safetensors data/paper-924 data/field-924 --split train --keep-level --out models/edge-s-depth.safetensors
 edgetree export models/edge-s-depth.safetensors --out models/edge-s-depth.onnx --precision int8 --proposals 60 --calibration data/paper-924 --data data/test
 python -m benchmarks.error_factor models/edge-s-depth.onnx data/paper-924 data/field-924
-python -m release.reach models/edge-s-depth.onnx data/paper-924
 python -m release.scenes models/edge-s-depth.json --after models/edge-n-depth.json --training data/paper-907 data/field-907 --scale data/cal-paper data/cal-field data/paper-924 data/field-924 --ranges data/paper-924
 python -m release.cards --test data/test --field-test data/field-test --models models/edge-s-depth.onnx --checkpoints models
 python -m release.half models/edge-s-depth.safetensors --out checkpoints/edge-s-depth.safetensors

@@ -35,7 +35,6 @@ perceptree calibrate-scores runs/b03/best.safetensors data/both-cal-paper data/b
 perceptree calibrate-scores runs/b03/scaled.safetensors data/paper-924 data/field-924 --split train --keep-level --out models/edge-s.safetensors
 edgetree export models/edge-s.safetensors --out models/edge-s.onnx --precision int8 --proposals 60 --calibration data/field-924 --data data/test
 python -m benchmarks.error_factor models/edge-s.onnx data/paper-924 data/field-924
-python -m release.reach models/edge-s.onnx data/paper-924
 python -m release.scenes models/edge-s.json --after models/edge-s-depth.json models/edge-n-rgb.json --training data/paper-921 data/field-921 data/both-paper-909 data/both-field-909 data/both-field-905 --scale data/both-cal-paper data/both-cal-field data/paper-924 data/field-924 --ranges data/field-924
 python -m release.cards --test data/test --field-test data/field-test --models models/edge-s.onnx --checkpoints models
 python -m release.half models/edge-s.safetensors --out checkpoints/edge-s.safetensors

@@ -8,13 +8,17 @@ import numpy as np
 from basetree.files.writing import write_image
 from perceptree.data import read_dataset
 from perceptree.simulator.photographs import dataset_credits
+from perceptree.training.origin import labelled_reach_m
 from release.join import join
 
 
 def write_dataset(folder: Path, grey: int, frames: int) -> None:
     """A dataset with one tree a frame, in each split."""
     (folder / "images").mkdir(parents=True)
-    owed = {"textures": [{"kind": "bark", "source": folder.name}, {"kind": "ground"}]}
+    owed = {
+        "reach_m": 10.0,
+        "textures": [{"kind": "bark", "source": folder.name}, {"kind": "ground"}],
+    }
     (folder / "settings.json").write_text(json.dumps(owed))
     for split in ("train", "val", "test"):
         images, trees = [], []
@@ -47,3 +51,4 @@ def test_the_frames_of_all_datasets_are_there_with_their_own_trees(tmp_path: Pat
     assert len(read_dataset(moved, "train").frames) == 3, "links are relative"
     kinds = [each["kind"] for each in dataset_credits(moved / "settings.json")]
     assert kinds == ["bark", "ground", "bark"]
+    assert labelled_reach_m([moved]) == 10.0

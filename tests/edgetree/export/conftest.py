@@ -25,6 +25,7 @@ HEIGHT, WIDTH = 96, 160
 RECORD: dict[str, Any] = {
     "data": "random numbers",
     "pictures": {"lightness": [50.0, 190.5], "contrast": [20, 70]},
+    "reach_m": 12,
 }
 
 BuildModel = Callable[..., TreeRCNN]

@@ -43,6 +43,7 @@ def test_the_manifest_describes_the_file(exported: ExportReport, rgb_checkpoint:
     assert (manifest.modality, manifest.precision) == ("rgb", "float32")
     assert (manifest.input.height, manifest.input.width) == (96, 160)
     assert manifest.training_data == "random numbers"
+    assert manifest.reach_m == 12.0
     usual = {(each.statistic, each.low, each.high) for each in manifest.training_pictures}
     assert usual == {("lightness", 50.0, 190.5), ("contrast", 20.0, 70.0)}
     assert len(manifest.weights_sha256) == 64
@@ -221,6 +222,17 @@ def test_bad_input_leaves_nothing_behind(
         export_model(rgb_checkpoint, tmp_path / "file" / "m.onnx", data=frame_folder)
     assert list(out.iterdir()) == []
     assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize("reach_m", ["far", -1, True, [10.0]])
+def test_an_impossible_reach_is_named(
+    rgb_checkpoint: Path, tmp_path: Path, reach_m: object
+) -> None:
+    model, _ = load_checkpoint(rgb_checkpoint)
+    path = tmp_path / "odd.safetensors"
+    save_checkpoint(path, model, {"reach_m": reach_m})
+    with pytest.raises(EdgetreeError, match=r"odd.safetensors: reach_m of the training is"):
+        load_model(path)
 
 
 @pytest.mark.parametrize("pictures", [3, {"contrast": 20}, {"contrast": [20]}, {"contrast": "ab"}])

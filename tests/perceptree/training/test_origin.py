@@ -1,7 +1,8 @@
-"""A checkpoint names the simulated scenes that it was trained on, and how its pictures look."""
+"""A checkpoint names its simulated scenes, how its pictures look, and how far trees are labelled."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from calib import DepthEncoding, picture_statistics
 from perceptree.data import read_frame, read_split
 from perceptree.models import load_checkpoint
 from perceptree.training import train
+from perceptree.training.origin import labelled_reach_m
 
 Make = Callable[..., Any]
 
@@ -30,6 +32,32 @@ def test_scenes_are_told_by_the_seed_of_their_dataset(
         {"seed": 7, "scenes": 3, "frames": 1},
         {"seed": 101, "scenes": 508, "frames": 2},
     ]
+
+
+def stated(folder: Path, content: object) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "settings.json").write_text(json.dumps(content), "utf-8")
+    return folder
+
+
+def test_how_far_trees_are_labelled_is_recorded(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    stated(posts, {"settings": {"labels": {"reach_m": 12}}})
+    report = train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    assert load_checkpoint(report.checkpoint)[1]["training"]["reach_m"] == 12.0
+
+
+def test_datasets_of_one_reach_are_told_from_others(tmp_path: Path) -> None:
+    near = stated(tmp_path / "near", {"settings": {"labels": {"reach_m": 10.0}}})
+    joined = stated(tmp_path / "joined", {"textures": [], "reach_m": 10.0})
+    far = stated(tmp_path / "far", {"settings": {"labels": {"reach_m": 20.0}}})
+    odd = stated(tmp_path / "odd", [1])
+
+    assert labelled_reach_m([near, joined]) == 10.0
+    assert labelled_reach_m([near, far]) is None
+    assert labelled_reach_m([near, odd]) is None
+    assert labelled_reach_m([near, tmp_path / "none"]) is None
 
 
 def test_pictures_are_told_without_the_padding_of_the_input(
