@@ -1,4 +1,4 @@
-"""What a checkpoint tells of the frames it was trained on: scenes, looks, and reach of the labels."""
+"""What a checkpoint tells of its frames: scenes of the simulator, looks, reach of the labels."""
 
 from __future__ import annotations
 

@@ -15,11 +15,9 @@ from release.join import join
 def write_dataset(folder: Path, grey: int, frames: int) -> None:
     """A dataset with one tree a frame, in each split."""
     (folder / "images").mkdir(parents=True)
-    owed = {
-        "reach_m": 10.0,
-        "textures": [{"kind": "bark", "source": folder.name}, {"kind": "ground"}],
-    }
-    (folder / "settings.json").write_text(json.dumps(owed))
+    owed = [{"kind": "bark", "source": folder.name}, {"kind": "ground"}]
+    settings = {"textures": owed, "reach_m": 10.0}
+    (folder / "settings.json").write_text(json.dumps(settings))
     for split in ("train", "val", "test"):
         images, trees = [], []
         for number in range(frames):

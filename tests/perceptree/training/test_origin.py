@@ -1,4 +1,4 @@
-"""A checkpoint names its simulated scenes, how its pictures look, and how far trees are labelled."""
+"""A checkpoint names its scenes, how its pictures look, and how far trees are labelled."""
 
 from __future__ import annotations
 
