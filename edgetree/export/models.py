@@ -57,10 +57,12 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...],
 
 def _reach_m(stated: Any, where: str) -> float | None:
     """The reach in a checkpoint's record, checked."""
+    if stated is None:
+        return None
     is_number = isinstance(stated, int | float) and not isinstance(stated, bool)
-    if stated is None or (is_number and 0 < stated < math.inf):
-        return None if stated is None else float(stated)
-    raise InputError(f"{where} is {stated!r:.80}: expected a distance over 0")
+    if not (is_number and 0 < stated < math.inf):
+        raise InputError(f"{where} is {stated!r:.80}: expected a distance over 0")
+    return float(stated)
 
 
 def _usual_ranges(looks: Any, where: str) -> tuple[UsualRange, ...]:

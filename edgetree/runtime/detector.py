@@ -177,7 +177,7 @@ class TreeDetector:
     def _within_reach(
         self, found: TreeDetections, image: FrameImage, camera: calib.PinholeCamera
     ) -> TreeDetections:
-        """The trees that reach the threshold where their distances count."""
+        """The found trees whose scores are still high enough after `reach.within_reach`."""
         reach_m = self.manifest.reach_m
         depth = image.depth_m if isinstance(image, ColourAndDepth) else image
         if reach_m is None or self._encoding is None or depth is None:

@@ -1,8 +1,8 @@
 """Trees beyond the reach of a model's labels, told by depth and camera.
 
-A model learns from labels that end at some distance. It sees depth along the optical axis and not
-the camera, so at the edge of a wide picture it takes stems for nearer than they are. The distance
-of a stem is known where the camera is.
+The labels of a training end at some distance from the camera. A network sees only the depth along
+the optical axis. At the edge of a wide picture the distance is larger, and how much depends on the
+camera, which the network does not know. Where the camera is given, the distance is computed here.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
 
 DISTANCE_STD: Final = 0.015
-"""Standard deviation of a stem's distance as it is found here, relative to the distance.
+"""Standard deviation of a stem's distance as it is found here, relative to the reach.
 
 Source: with 0.01 to 0.02, average precision and false trees are the same on simulated frames
 (presets `paper` and `field`, seed 924)."""
