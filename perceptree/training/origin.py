@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def _stated_reach_m(settings_file: Path) -> float | None:
     except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):
         return None
     is_number = isinstance(stated, int | float) and not isinstance(stated, bool)
-    return float(stated) if is_number and 0 < stated < math.inf else None
+    return float(stated) if is_number and 0 < stated <= sys.float_info.max else None
 
 
 def usual_pictures(

@@ -31,9 +31,11 @@ from perceptree.simulator.photographs import dataset_credits
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.tables.build import read_tables
 from perceptree.tables.results import read_result
+from perceptree.training.origin import labelled_reach_m
 from perceptree.training.plot import read_curves
 
 _SETTINGS = b'{"stand": {"stems_per_ha": [400, 500]}, "camera": {"mast_share": 0.5}}'
+_REACH = (b'{"reach_m": 10.0}', b'{"settings": {"labels": {"reach_m": 8}}}')
 _CREDITS = b'{"sha256": "a", "textures": [{"kind": "bark", "licence": "CC0", "names": ["a"]}]}'
 _RESULT = (
     b'{"schema": "perceptree.table-run/1", "training": {}, "made": {}, "test": 1, "metrics": 2}'
@@ -228,6 +230,9 @@ FORMATS = {
     "tasks.json": Format(_TASKS, _converted("a.json")),
     "any.json": Format(_LABELS, lambda path: (is_coco(path), has_keypoints(path))),
     "settings": Format((_SETTINGS,), lambda path: read_settings(path, SimulatorSettings())),
+    "reach": Format(
+        _REACH, _in_folder("settings.json", lambda folder: labelled_reach_m((folder,)))
+    ),
     "credits": Format((_CREDITS,), dataset_credits),
     "log.jsonl": Format((_LOG,), _in_folder("log.jsonl", lambda run: read_curves(run, "run"))),
     "predictions": Format((_PREDICTIONS,), lambda path: read_predictions(path.read_bytes(), "a")),

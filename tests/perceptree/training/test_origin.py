@@ -60,6 +60,11 @@ def test_datasets_of_one_reach_are_told_from_others(tmp_path: Path) -> None:
     assert labelled_reach_m([near, tmp_path / "none"]) is None
 
 
+@pytest.mark.parametrize("value", [-1, 0, "10", True, None, [10], 10**400, float("inf")])
+def test_a_reach_that_is_no_distance_is_none(tmp_path: Path, value: object) -> None:
+    assert labelled_reach_m([stated(tmp_path, {"reach_m": value})]) is None
+
+
 def test_pictures_are_told_without_the_padding_of_the_input(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
