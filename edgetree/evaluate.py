@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from basetree.arrays import UInt8
+from basetree.arrays import Float, UInt8
+from basetree.counts import counted
 from basetree.errors import InputError, MissingPackage, install_hint
+from calib import CameraError, PinholeCamera, read_depth
 from edgetree.model_file.inputs_outputs import COLOUR, DEPTH
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.input_images import by_input
+from edgetree.runtime.reach import reach_chances
 from edgetree.runtime.session import InferenceSession
 
 BOTH: Final = "both"
 
 if TYPE_CHECKING:
-    from perceptree.data import FrameStore
-    from perceptree.evaluation import Predict, RawDetections, Report
+    from perceptree.data import FrameRecord, FrameStore
+    from perceptree.evaluation import Chances, Predict, RawDetections, Report
     from perceptree.models.spec import Modality
 
 
@@ -36,6 +39,9 @@ def evaluate_file(
     progress: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Report:
     """Evaluate a model file with the code that evaluates checkpoints.
+
+    Trees beyond the reach of the model's labels count as `TreeDetector.detect` counts them with a
+    camera, in frames with depth in metres and a camera.
 
     Args:
         detector: The model. Its score threshold is not applied.
@@ -71,13 +77,68 @@ def evaluate_file(
         )
     dataset = read_dataset(data, split, fold, entire_tree)
     store = frames_for(manifest, dataset.frames)
+    chances, said = chances_within_reach(manifest, dataset.frames, inputs)
     return make_report(
         predict_with_file(detector.session, manifest, inputs),
         store,
-        About(_about(manifest, about), str(data), split, dataset.notes),
+        About(_about(manifest, about), str(data), split, dataset.notes + said),
         manifest.input.batch_sizes[0],
         lambda done: progress(done, len(store)),
+        chances,
     )
+
+
+def chances_within_reach(
+    manifest: Manifest, frames: Sequence[FrameRecord], inputs: str = BOTH
+) -> tuple[Chances | None, tuple[str, ...]]:
+    """What depth and camera tell of the trees that a model finds in labelled frames.
+
+    Args:
+        manifest: The model's manifest.
+        frames: The frames.
+        inputs: As for `evaluate_file`.
+
+    Returns:
+        The factors of the scores for `make_report`, and notes on them; None and no notes where the
+        model has no reach or is not shown depth, or no frame has depth in metres and a camera.
+    """
+    reach_m = manifest.reach_m
+    if reach_m is None or inputs == COLOUR:
+        return None, ()
+    known = {
+        number: (frame, frame.depth_path, camera)
+        for number, frame in enumerate(frames)
+        if frame.depth_path is not None and (camera := _camera_of(frame)) is not None
+    }
+
+    def chances(number: int, boxes_px: Float, masks: Float) -> Float:
+        if number not in known:
+            return np.ones(len(boxes_px))
+        frame, depth_path, camera = known[number]
+        depth_m = read_depth(depth_path)
+        if depth_m.shape != (frame.height, frame.width):
+            raise InputError(
+                f"{depth_path}: is {depth_m.shape[1]}x{depth_m.shape[0]} px, expected"
+                f" {frame.width}x{frame.height}, the size of {frame.image_path.name}"
+            )
+        return reach_chances(boxes_px, masks, depth_m, camera, reach_m)
+
+    if not known:
+        return None, ()
+    which = f"{len(known)} of {counted(len(frames), 'frame')}"
+    return chances, (f"scores of trees beyond {reach_m:g} m are lowered, by the depth of {which}",)
+
+
+def _camera_of(frame: FrameRecord) -> PinholeCamera | None:
+    """The camera in a frame's labels; None if there is none of the frame's size."""
+    stated = frame.extra.get("camera")
+    if not isinstance(stated, dict):
+        return None
+    try:
+        camera = PinholeCamera.from_dict(stated)
+    except CameraError:
+        return None
+    return camera if (camera.width, camera.height) == (frame.width, frame.height) else None
 
 
 def predict_with_file(session: InferenceSession, manifest: Manifest, inputs: str = BOTH) -> Predict:

@@ -29,7 +29,7 @@ from benchmarks.tools.program import command_line
 from edgetree import TreeDetector
 from edgetree.bench.speed import bench_detector
 from edgetree.doctor.machine import examine_machine
-from edgetree.evaluate import frames_for, predict_with_file
+from edgetree.evaluate import chances_within_reach, frames_for, predict_with_file
 from edgetree.model_file.card import CARD_SCHEMA
 from edgetree.runtime import ColourAndDepth
 from edgetree.runtime.duplicates import distinct_trees
@@ -109,8 +109,9 @@ def _evaluated(detector: TreeDetector, data: Path, inputs: str) -> dict[str, Any
     )
     store = frames_for(manifest, dataset.frames)
     about = About({"name": manifest.name}, data.name, "test", dataset.notes)
+    chances, _ = chances_within_reach(manifest, dataset.frames, inputs)
     figures: dict[str, Any] = make_report(
-        predict, store, about, manifest.input.batch_sizes[0]
+        predict, store, about, manifest.input.batch_sizes[0], chances=chances
     ).figures
     return figures
 

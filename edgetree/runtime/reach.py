@@ -50,12 +50,36 @@ def within_reach(
     """
     if not len(trees) or trees.masks is None:
         return trees
-    distance_m = stem_distances_m(trees.boxes_px, trees.masks, depth_m, camera)
+    chances = reach_chances(trees.boxes_px, trees.masks, depth_m, camera, reach_m)
+    scored = replace(trees, scores=(trees.scores * chances).astype(np.float32))
+    return scored.select(np.argsort(-scored.scores, kind="stable"))
+
+
+def reach_chances(
+    boxes_px: Float,
+    masks: Float,
+    depth_m: NDArray[np.floating],
+    camera: PinholeCamera,
+    reach_m: float,
+) -> Float:
+    """The chance of each tree that it stands within reach.
+
+    Args:
+        boxes_px: (N, 4) x0, y0, x1, y1 in continuous px.
+        masks: (N, S, S) probabilities on a grid over each box.
+        depth_m: (H, W) as for `within_reach`.
+        camera: As for `within_reach`.
+        reach_m: As for `within_reach`.
+
+    Returns:
+        (N,) 0 to 1; 1 for a tree with too few readings.
+    """
+    if not len(boxes_px):
+        return np.ones(0)
+    distance_m = stem_distances_m(boxes_px, masks, depth_m, camera)
     near = (reach_m - distance_m) / (DISTANCE_STD * reach_m)
     chances = [0.5 * math.erfc(-value / math.sqrt(2)) for value in near.tolist()]
-    known = np.where(np.isnan(distance_m), 1.0, chances)
-    scored = replace(trees, scores=(trees.scores * known).astype(np.float32))
-    return scored.select(np.argsort(-scored.scores, kind="stable"))
+    return np.where(np.isnan(distance_m), 1.0, chances)
 
 
 def stem_distances_m(

@@ -4,6 +4,7 @@ from perceptree.evaluation.coco_matching import OKS_SIGMAS
 from perceptree.evaluation.figures import About
 from perceptree.evaluation.metrics import Metrics, evaluate
 from perceptree.evaluation.predictions import (
+    Chances,
     FramePrediction,
     Predict,
     RawDetections,
@@ -19,6 +20,7 @@ from perceptree.evaluation.summary import summary_lines
 __all__ = [
     "OKS_SIGMAS",
     "About",
+    "Chances",
     "FramePrediction",
     "Metrics",
     "Predict",

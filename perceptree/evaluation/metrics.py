@@ -13,7 +13,12 @@ from perceptree.errors import DatasetError
 from perceptree.evaluation.errors_px import PixelErrors, Spread, measure_errors
 from perceptree.evaluation.matching import Matches, match_trees
 from perceptree.evaluation.precision import Precision, Scorer
-from perceptree.evaluation.predictions import FramePrediction, Predict, predict_frames
+from perceptree.evaluation.predictions import (
+    Chances,
+    FramePrediction,
+    Predict,
+    predict_frames,
+)
 from perceptree.keypoints import KEYPOINT_NAMES
 
 Progress = Callable[[int], None]
@@ -130,16 +135,27 @@ def evaluate(
 
 
 def measure(
-    predict: Predict, store: FrameStore, batch: int = 1, progress: Progress = lambda frames: None
+    predict: Predict,
+    store: FrameStore,
+    batch: int = 1,
+    progress: Progress = lambda frames: None,
+    chances: Chances | None = None,
 ) -> Measured:
     """Do as `evaluate`, but return all intermediate results.
+
+    Args:
+        predict: As for `evaluate`.
+        store: As for `evaluate`.
+        batch: As for `evaluate`.
+        progress: As for `evaluate`.
+        chances: By which the scores are multiplied, as for `predict_frames`.
 
     Raises:
         DatasetError: If no tree is labelled, or all are ignored.
     """
     check_trees(store)
     predictions = []
-    for prediction in predict_frames(predict, store, batch):
+    for prediction in predict_frames(predict, store, batch, chances):
         predictions.append(prediction)
         progress(1)
     return measured_from(store, predictions)

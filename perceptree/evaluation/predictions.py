@@ -46,6 +46,9 @@ class RawDetections(NamedTuple):
 
 
 Predict = Callable[[UInt8], RawDetections]
+Chances = Callable[[int, Float, Float], Float]
+"""What is known of trees besides the model: from the number of a frame, (N, 4) boxes in continuous
+source px and (N, 28, 28) masks inside them to (N,) factors of the scores, 0 to 1."""
 
 
 class FramePrediction(NamedTuple):
@@ -99,7 +102,9 @@ def predict_with(model: TreeRCNN) -> Predict:
     return predict
 
 
-def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[FramePrediction]:
+def predict_frames(
+    predict: Predict, store: FrameStore, batch: int, chances: Chances | None = None
+) -> Iterator[FramePrediction]:
     """Run a detector on all frames.
 
     Images are read a few ahead and not kept. The last batch is padded to full size.
@@ -108,16 +113,20 @@ def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[
         predict: The detector.
         store: The frames.
         batch: Batch size.
+        chances: By which the scores of a model with masks are multiplied; None for none.
     """
 
     def read(number: int) -> tuple[UInt8, Letterbox]:
         return store.image(number), store.letterbox(number)
 
-    return predict_images(predict, read_ahead(read, range(len(store))), batch)
+    return predict_images(predict, read_ahead(read, range(len(store))), batch, chances)
 
 
 def predict_images(
-    predict: Predict, images: Iterable[tuple[UInt8, Letterbox]], batch: int
+    predict: Predict,
+    images: Iterable[tuple[UInt8, Letterbox]],
+    batch: int,
+    chances: Chances | None = None,
 ) -> Iterator[FramePrediction]:
     """Run a detector on letterboxed images.
 
@@ -125,14 +134,15 @@ def predict_images(
         predict: The detector.
         images: Images at the model's input size, with their letterboxes.
         batch: Batch size; the last batch is padded to full size.
+        chances: As for `predict_frames`; frames are numbered as `images` come.
     """
-    remaining = iter(images)
+    remaining = iter(enumerate(images))
     while group := list(islice(remaining, batch)):
-        pixels = [image for image, _ in group]
+        pixels = [image for _, (image, _) in group]
         filled = pixels + pixels[-1:] * (batch - len(pixels))
         raw = predict(np.stack(filled))
-        for row, (_, letterbox) in enumerate(group):
-            yield _in_source(raw, row, letterbox)
+        for row, (number, (_, letterbox)) in enumerate(group):
+            yield _in_source(raw, row, letterbox, number, chances)
 
 
 def read_ahead(read: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
@@ -152,23 +162,28 @@ def read_ahead(read: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iter
                 future.cancel()
 
 
-def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePrediction:
+def _in_source(
+    raw: RawDetections, row: int, letterbox: Letterbox, number: int, chances: Chances | None
+) -> FramePrediction:
     count = int(raw.num_detections[row])
     size = letterbox.source_width, letterbox.source_height
     boxes = raw.boxes[row, :count].astype(np.float64) / np.tile(letterbox.scale, 2)
-    seen = (boxes[:, :2] < size).all(axis=1)  # the others are in the padding
+    scores = raw.scores[row, :count].astype(np.float64)
+    kept = np.flatnonzero((boxes[:, :2] < size).all(axis=1))  # the others are in the padding
+    if chances is not None and raw.masks is not None:
+        scores[kept] *= chances(number, boxes[kept], raw.masks[row, kept])
+        kept = kept[np.argsort(-scores[kept], kind="stable")]
     keypoints = None
     if raw.keypoints is not None:
-        keypoints = raw.keypoints[row, :count][seen].astype(np.float64)
+        keypoints = raw.keypoints[row, kept].astype(np.float64)
         keypoints[..., :2] = letterbox.to_source(keypoints[..., :2])
     masks = certainty = None
     if raw.masks is not None:
-        cells = raw.masks[row, :count][seen]
+        cells = raw.masks[row, kept]
         certainty = mask_certainty(torch.from_numpy(cells)).double().numpy()
         pasted = (
-            paste_mask(grid, box, *size) for grid, box in zip(cells, boxes[seen], strict=True)
+            paste_mask(grid, box, *size) for grid, box in zip(cells, boxes[kept], strict=True)
         )
         masks = [encode_rle(mask) for mask in pasted]
-    scores = raw.scores[row, :count][seen].astype(np.float64)
-    boxes = np.clip(boxes[seen], 0, np.tile(size, 2))
-    return FramePrediction(boxes, scores, keypoints, masks, certainty)
+    boxes = np.clip(boxes[kept], 0, np.tile(size, 2))
+    return FramePrediction(boxes, scores[kept], keypoints, masks, certainty)

@@ -13,7 +13,7 @@ from perceptree.data import FrameStore
 from perceptree.errors import DatasetError
 from perceptree.evaluation.figures import About, figures_of
 from perceptree.evaluation.metrics import Measured, Progress, measure
-from perceptree.evaluation.predictions import Predict
+from perceptree.evaluation.predictions import Chances, Predict
 from perceptree.evaluation.report_page import report_page
 
 JSON_FILE, PAGE_FILE = "report.json", "report.html"
@@ -53,6 +53,7 @@ def make_report(
     about: About,
     batch: int = 1,
     progress: Progress = lambda frames: None,
+    chances: Chances | None = None,
 ) -> Report:
     """Evaluate a detector on all frames.
 
@@ -62,11 +63,12 @@ def make_report(
         about: Description of model and data.
         batch: Batch size.
         progress: Called with the number of frames done since its last call.
+        chances: By which the scores are multiplied, as for `predict_frames`.
 
     Raises:
         DatasetError: If no tree is labelled.
     """
-    measured = measure(predict, store, batch, progress)
+    measured = measure(predict, store, batch, progress, chances)
     return Report(figures_of(measured, about), measured)
 
 

@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from stems_at_a_distance import (
+    CAMERA,
+    FOCAL_PX,
+    PAIR,
+    PAIR_M,
+    REACH_M,
+    WIDTH,
+    faked,
+    stems_m,
+    trees,
+)
 
-from basetree.arrays import Float32
-from calib import DepthEncoding, PinholeCamera, encode_depth
-from edgetree import TreeDetections, TreeDetector, default_model, sample_frames
+from calib import DepthEncoding, encode_depth
+from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.errors import InputError
 from edgetree.frames import Frame, Rig
 from edgetree.frames.pipeline import find_trees
-from edgetree.runtime import FakeSession
 from edgetree.runtime.reach import stem_distances_m, within_reach
-
-WIDTH, HEIGHT, FOCAL_PX = 640, 480, 400.0
-CAMERA = PinholeCamera(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5)
-REACH_M = 10.0
-
-
-def trees(*boxes: tuple[float, float, float, float]) -> TreeDetections:
-    """Trees whose masks fill the middle half of their boxes' columns."""
-    masks = np.zeros((len(boxes), 28, 28), np.float32)
-    masks[:, :, 7:21] = 1.0
-    scores = np.linspace(0.9, 0.8, len(boxes)).astype(np.float32)
-    return TreeDetections(np.array(boxes, np.float32), scores, None, masks, WIDTH, HEIGHT)
-
-
-def stems_m(found: TreeDetections, depths_m: list[float]) -> Float32:
-    """(H, W) depth of a wall 20 m away, with a stem at a depth in the middle of each box."""
-    depth_m = np.full((HEIGHT, WIDTH), 20.0, np.float32)
-    for (left, top, right, bottom), z_m in zip(found.boxes_px.tolist(), depths_m, strict=True):
-        quarter = (right - left) / 4
-        columns = slice(round(left + quarter), round(right - quarter))
-        depth_m[round(top) : round(bottom), columns] = z_m
-    return depth_m
 
 
 def test_a_distance_is_along_the_ray_and_to_the_axis() -> None:
@@ -89,19 +74,6 @@ def test_only_the_lower_half_of_a_stem_counts() -> None:
     seen = within_reach(found, depth_m, CAMERA, REACH_M)
 
     np.testing.assert_array_equal(seen.scores, found.scores)
-
-
-def faked(found: TreeDetections, reach_m: float | None = REACH_M) -> TreeDetector:
-    """A depth model that finds these trees in every picture of 640x480 px."""
-    manifest = replace(TreeDetector.load(default_model("depth")).manifest, reach_m=reach_m)
-    scale = min(manifest.input.width / WIDTH, manifest.input.height / HEIGHT)
-    boxes = found.boxes_px * np.float32(scale)
-    return TreeDetector(FakeSession.with_trees(manifest, boxes, found.scores, masks=found.masks))
-
-
-# Of the same depth, one in the middle of the picture and one at its edge.
-PAIR = trees((310, 100, 330, 240), (600, 100, 620, 240))
-PAIR_M = stems_m(PAIR, [9.0, 9.0])
 
 
 def test_a_detector_leaves_out_what_its_labels_leave_out() -> None:

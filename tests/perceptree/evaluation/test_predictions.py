@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pycocotools.mask import decode
 
 import calib
 from basetree.errors import SettingsError
@@ -100,6 +101,44 @@ def test_boxes_in_the_padding_are_dropped(posts: Path, store_of: Any) -> None:
     pasted = calib.paste_mask(cells, np.array([16, 64, 32, 76.8]), 128, 72)
     assert found.masks == [calib.encode_rle(pasted)]
     assert not pasted[:70].any()
+
+
+def test_scores_are_multiplied_by_what_is_known_of_a_frame(posts: Path, store_of: Any) -> None:
+    """The chances get the frame's number and what is not in the padding; the order follows."""
+    store = store_of(posts)
+
+    def predict(images: np.ndarray) -> RawDetections:
+        count = len(images)
+        boxes = np.tile(
+            np.array([[20, 91, 40, 96], [20, 40, 40, 80], [60, 40, 80, 80]]), (count, 1)
+        )
+        masks = np.ones((count, 3, 28, 28)) * np.array([0.9, 0.8, 0.7])[:, None, None]
+        keypoints = np.zeros((count, 3, 5, 3)) + np.arange(3)[:, None, None]
+        return RawDetections(
+            boxes.reshape(count, 3, 4).astype(np.float32),
+            np.tile(np.array([0.9, 0.8, 0.7]), (count, 1)),
+            keypoints,
+            masks.astype(np.float32),
+            np.full(count, 3),
+        )
+
+    seen = []
+
+    def chances(number: int, boxes_px: np.ndarray, masks: np.ndarray) -> np.ndarray:
+        seen.append((number, boxes_px.tolist(), masks[:, 0, 0].tolist()))
+        return np.array([0.5, 1.0])
+
+    found = list(predict_frames(predict, store, 2, chances))
+    left, right = [16, 32, 32, 64], [48, 32, 64, 64]
+    shares = pytest.approx([0.8, 0.7])
+    assert seen == [(number, [left, right], shares) for number in range(len(store))]
+    for frame in found:
+        assert frame.scores.tolist() == pytest.approx([0.7, 0.4])
+        assert frame.boxes.tolist() == [right, left]
+        assert frame.keypoints is not None
+        assert frame.keypoints[:, 0, 2].tolist() == [2, 1]
+        assert frame.masks is not None
+        assert np.flatnonzero(decode(frame.masks[0]).any(axis=0))[0] == 48
 
 
 def test_predict_with_returns_numpy_arrays() -> None:
