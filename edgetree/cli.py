@@ -16,6 +16,7 @@ from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
 from edgetree.commands.check_rig import check_rig
+from edgetree.commands.combine import combine
 from edgetree.commands.compare import compare
 from edgetree.commands.config import config
 from edgetree.commands.conformance import conformance
@@ -61,6 +62,11 @@ app.add(bench, "edgetree bench edge-n-rgb edge-n-depth --out bench.json", group=
 app.add(compare, "edgetree compare before.json after.json", group=_MODELS)
 app.add(
     export, "edgetree export run/best.safetensors --data trees --out forest.onnx", group=_MODELS
+)
+app.add(
+    combine,
+    "edgetree combine models/edge-s.onnx --colour edge-s-rgb --depth edge-s-depth --out all.onnx",
+    group=_MODELS,
 )
 app.add(verify, "edgetree verify forest.onnx run/best.safetensors --data trees", group=_MODELS)
 app.add(sign, "edgetree sign forest.onnx --key forest.key", group=_MODELS)

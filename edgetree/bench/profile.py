@@ -89,7 +89,7 @@ def network_times(path: Path, settings: SessionSettings, inputs: Sequence[Inputs
         inputs: Inputs by name, at least one.
     """
     runs = _profile(path, settings, inputs, _MOST_RUNS + 1, optimised=True)[1:]
-    events = [event for run in runs for event in run]
+    events = [event for run in runs for event in run if event["args"]["op_name"] != "If"]
     parts = parts_of_nodes(read_model_file(path).nodes)
     parts_ms = dict.fromkeys(PARTS, 0.0)
     kinds: dict[tuple[str, str], list[float]] = {}

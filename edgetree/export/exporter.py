@@ -28,9 +28,11 @@ from edgetree.export.verification import (
     read_verification_frames,
     verify,
 )
+from edgetree.model_file.inputs_outputs import COLOUR, DEPTH
 from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.alone_session import AloneSession
 from edgetree.runtime.detector import TreeDetector
-from edgetree.runtime.session import OrtSession
+from edgetree.runtime.session import InferenceSession, OrtSession
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,8 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
 
     Args:
         file: An ONNX file from `export_model`.
-        checkpoint: The checkpoint that it was made from.
+        checkpoint: The checkpoint that it was made from; of a combined file one of the three, and
+            then the part of the file that it was made from is compared.
         data: Folder with frames to compare on, see `export_model`.
         say: Called with progress messages.
 
@@ -159,9 +162,12 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
         CheckpointError: The checkpoint cannot be read.
         ParityFailed: The file differs from the checkpoint by more than the limits.
     """
-    session = OrtSession(file)
+    session: InferenceSession = OrtSession(file)
     manifest = TreeDetector(session).manifest
     model, *_ = load_model(checkpoint)
+    shown = {"rgb": COLOUR, "depth": DEPTH}.get(model.spec.modality)
+    if manifest.alone and shown is not None:
+        session, manifest = AloneSession(session, manifest, shown), manifest.alone[shown]
     if model.spec.modality not in (manifest.modality, "both"):
         raise InputError(
             f"{file} takes {manifest.modality} frames: expected {model.spec.modality} frames,"

@@ -101,7 +101,8 @@ def verify(
         ParityFailed: They differ by more than the limits of the file's precision.
     """
     edge_cases = edge_case_frames(model.spec, np.stack(list(frames.images.values())))
-    images = {**frames.images, **edge_cases}
+    cases = {**frames.images, **edge_cases}
+    images = {name: image for name, image in cases.items() if _is_for(image, manifest)}
     batch = manifest.input.batch_sizes[0]
     say(f"comparing on {counted(len(images), 'frame')}, {batch} at a time")
     compared = compare_frames(
@@ -133,6 +134,15 @@ def verify(
     return report
 
 
+def _is_for(image: UInt8, manifest: Manifest) -> bool:
+    """Whether a prepared frame is for the model itself, and not for one of `Manifest.alone`."""
+    shown = by_input(image[None], manifest).values()
+    targets = manifest.graph_inputs.values()
+    return not manifest.alone or all(
+        (pixels != target.nothing).any() for pixels, target in zip(shown, targets, strict=True)
+    )
+
+
 def _detect(model: TreeRCNN, images: UInt8) -> Arrays:
     """Detections of the model, as arrays with the names of a file's outputs."""
     import torch
@@ -149,7 +159,7 @@ def _average_precision(
     """Average precision in percent of model and file, by kind of result.
 
     On the test split of a dataset, or else on its validation split. Empty without either. Of a
-    model of colour and depth also with one of the two alone.
+    model of colour and depth also with one of the two alone, but for combined files.
     """
     from perceptree.data import FrameStore, read_split
     from perceptree.evaluation import evaluate, predict_with
@@ -161,7 +171,8 @@ def _average_precision(
     say(f"evaluating on {len(store)} labelled frames")
     batch = manifest.input.batch_sizes[0]
     found: dict[str, tuple[float, float]] = {}
-    for alone in ("", *(ALONE if manifest.takes_both else ())):
+    ways = ALONE if manifest.takes_both and not manifest.alone else ()
+    for alone in ("", *ways):
         of_model = evaluate(_alone(predict_with(model), alone, model.spec), store)
         predict = _alone(predict_with_file(session, manifest), alone, model.spec)
         of_file = evaluate(predict, store, batch)

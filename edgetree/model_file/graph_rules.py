@@ -23,18 +23,18 @@ _MAX_ATTRIBUTE: Final = 1024
 _MAX_PADDING: Final = 1024
 _MAX_ENLARGEMENT: Final = 64.0
 
-# The operators of all backbones, precisions and operator sets, and Identity.
+# The operators of all backbones, precisions and operator sets, Identity, and If of combined files.
 OPERATORS: Final = frozenset(
     (
         *("Abs", "Add", "And", "ArgMax", "AveragePool", "Cast", "Ceil", "Clip", "Concat", "Conv"),
-        *("CumSum", "DepthToSpace", "DequantizeLinear", "Div", "Equal", "Exp", "Expand", "Flatten"),
-        *("Floor", "Gather", "GatherElements", "GatherND", "Gemm", "GlobalAveragePool", "Greater"),
-        *("GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "Less", "LessOrEqual", "Log"),
-        *("MatMul", "Max", "MaxPool", "Min", "Mul", "Neg", "NonMaxSuppression", "NonZero", "Not"),
-        *("Or", "Pad", "QuantizeLinear", "Reciprocal", "ReduceMax", "ReduceMean", "ReduceMin"),
-        *("ReduceProd", "ReduceSum", "Relu", "Reshape", "Resize", "RoiAlign", "Round", "ScatterND"),
-        *("Shape", "Sigmoid", "Slice", "Softmax", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose"),
-        *("Unsqueeze", "Where"),
+        *("CumSum", "DepthToSpace", "DequantizeLinear", "Div", "Equal", "Exp", "Expand"),
+        *("Flatten", "Floor", "Gather", "GatherElements", "GatherND", "Gemm", "GlobalAveragePool"),
+        *("Greater", "GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "If", "Less"),
+        *("LessOrEqual", "Log", "MatMul", "Max", "MaxPool", "Min", "Mul", "Neg"),
+        *("NonMaxSuppression", "NonZero", "Not", "Or", "Pad", "QuantizeLinear", "Reciprocal"),
+        *("ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd", "ReduceSum", "Relu", "Reshape"),
+        *("Resize", "RoiAlign", "Round", "ScatterND", "Shape", "Sigmoid", "Slice", "Softmax"),
+        *("Sqrt", "Squeeze", "Sub", "TopK", "Transpose", "Unsqueeze", "Where"),
     )
 )
 # Those that exports apply to constants alone. None of them but Expand makes its input larger.

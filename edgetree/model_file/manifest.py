@@ -11,7 +11,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from basetree.errors import InputError
@@ -143,6 +143,8 @@ class Manifest:
         error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `edgetree.measure.MeasureSettings` states; 1 in older files.
         inputs: The colour input and the depth input of a model of both; empty for one input.
+        alone: Of a combined file, the manifests of its models of `colour` and `depth`, which run
+            where only this image shows anything; empty for others.
         reach_m: Largest distance from the camera at which trees were labelled, to the axis of the
             stem at the felling cut, m; None if there was none, or it is not known.
         schema: Version of this layout.
@@ -180,6 +182,7 @@ class Manifest:
     training_pictures: tuple[UsualRange, ...] = ()
     error_factor: float = 1.0
     inputs: tuple[InputSpec, ...] = ()
+    alone: Mapping[str, Manifest] = field(default_factory=dict)
     reach_m: float | None = None
     schema: str = SCHEMA
 
@@ -212,6 +215,7 @@ class Manifest:
         needed = {"boxes", "scores", "num_detections"}
         require(all(map(self.has_output, needed)), "outputs", self.output_names, f"{needed}")
         self._check_inputs()
+        self._check_alone()
 
     def _check_inputs(self) -> None:
         """Check the list of inputs, which a model of both has."""
@@ -227,6 +231,42 @@ class Manifest:
         require(shape == wanted, "input colour", shape, repr(wanted))
         for each in self.inputs:
             require(each.nothing is not None, f"input {each.name} nothing", None, "0 to 255")
+
+    def _check_alone(self) -> None:
+        """Check that the models of a combined file are like the one of both images."""
+        kinds = tuple(sorted(self.alone))
+        allowed = (COLOUR, DEPTH) if self.takes_both else ()
+        require(kinds in ((), allowed), "alone", kinds, f"{allowed}")
+        batches = self.input.batch_sizes
+        require(not kinds or batches == (1,), "batch sizes", batches, "(1,) of a combined file")
+        for kind, model in self.alone.items():
+            modality = "depth" if kind == DEPTH else "rgb"
+            where = f"{kind} alone, {model.name}"
+            require(model.modality == modality, f"{where}: modality", model.modality, modality)
+            target = self.graph_inputs[kind]
+            encoding = model.depth_encoding if kind == DEPTH else self.depth_encoding
+            for name, value, expected in (
+                ("input size", model.input.image_shape, target.image_shape),
+                ("batch sizes", model.input.batch_sizes, batches),
+                ("pad value", model.resize.pad_value, self.pad_value_of(target)),
+                ("depth encoding", encoding, self.depth_encoding),
+                ("outputs", model.outputs, self.outputs),
+                ("keypoint_names", model.keypoint_names, self.keypoint_names),
+                ("thresholds", model.thresholds, self.thresholds),
+                ("opset", model.opset, self.opset),
+            ):
+                require(value == expected, f"{where}: {name}", value, f"{expected}, as {self.name}")
+
+    def shown(self, image: str | None) -> Manifest:
+        """The description of the model that runs where one image alone is shown.
+
+        Args:
+            image: `colour` or `depth`; None for both.
+
+        Returns:
+            One of `alone`; this manifest for both images, and where the file has one model.
+        """
+        return self if image is None else self.alone.get(image, self)
 
     @property
     def takes_depth(self) -> bool:

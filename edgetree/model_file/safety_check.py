@@ -38,6 +38,7 @@ _MAX_FIELDS: Final = 1_000_000  # a model with a thousand nodes has about ten th
 _MAX_RANK: Final = 32
 _MAX_METADATA: Final = 2**20  # bytes of one entry; the manifest has about 5000
 _FEW_BYTES: Final = 8 * _MAX_RANK
+_MAX_NESTING: Final = 2  # branches in branches; a combined file has a choice among three
 _FORMATS: Final = {1: "f", 7: "q", 10: "e"}  # of TensorProto.DataType: float32, int64, float16
 _DATA_INSIDE: Final = 0  # TensorProto.DataLocation.DEFAULT
 _MAX_ELEMENTS_PER_BYTE: Final = 8  # the smallest element types take less than a byte each
@@ -54,7 +55,8 @@ class ModelFile:
         metadata: The metadata entries.
         input_shapes: Shape of each input; dynamic sizes are given by their name.
         output_shapes: Shape of each output, likewise.
-        nodes: The nodes of the graph, in the order of execution.
+        nodes: The nodes of the graph, in the order of execution; those of the branches of an If
+            stand before it.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
@@ -164,11 +166,14 @@ class _Parser:
         check_graph(found.nodes, found.input_shapes, self._constants)
         return found
 
-    def _parse_graph(self, span: _Span, found: ModelFile) -> None:
-        """Check all nodes and tensors of the graph, and collect them, inputs and outputs too."""
+    def _parse_graph(self, span: _Span, found: ModelFile, nesting: int = 0) -> None:
+        """Check all nodes and tensors of the graph, and collect them, inputs and outputs too.
+
+        Of a branch, which has a `nesting` over 0, nodes and constants alone are collected.
+        """
         for number, value in self._fields(span):
             if number == 1:  # node
-                found.nodes.append(self._node(_span(value)))
+                found.nodes.append(self._node(_span(value), found, nesting))
             elif number == 5:  # initializer
                 name, constant = self._tensor(_span(value))
                 if name in self._constants:
@@ -176,12 +181,17 @@ class _Parser:
                 self._constants[name] = constant
             elif number in (11, 12):  # input, output
                 name, shape = self._value_info(_span(value))
+                if nesting and number == 11:
+                    raise _Refused("has an If whose branch has inputs: expected none")
+                if nesting:
+                    continue
                 (found.input_shapes if number == 11 else found.output_shapes)[name] = shape
             elif number == 15:  # sparse_initializer
                 raise _Refused("contains a sparse tensor: expected dense tensors only")
 
-    def _node(self, span: _Span) -> GraphNode:
+    def _node(self, span: _Span, found: ModelFile, nesting: int) -> GraphNode:
         node = GraphNode()
+        branches: list[_Span] = []
         texts = {
             1: node.inputs,
             2: node.outputs,
@@ -193,14 +203,21 @@ class _Parser:
             if number in texts:
                 texts[number].append(self._text(_span(value)))
             elif number == 5:  # attribute
-                self._parse_attribute(_span(value), node)
+                self._parse_attribute(_span(value), node, branches)
+        if branches and (node.operators != ["If"] or nesting == _MAX_NESTING):
+            raise _Refused(
+                "contains a graph inside an operator: expected none but the branches of If, not"
+                f" deeper than {_MAX_NESTING}"
+            )
+        for branch in branches:
+            self._parse_graph(branch, found, nesting + 1)
         if "EPContext" in node.operators:
             raise _Refused(
                 "contains an operator EPContext, compiled for one machine: expected none"
             )
         return node
 
-    def _parse_attribute(self, span: _Span, node: GraphNode) -> None:
+    def _parse_attribute(self, span: _Span, node: GraphNode, branches: list[_Span]) -> None:
         name, integers = "", []
         for number, value in self._fields(span):
             if number == 1:  # name
@@ -210,7 +227,7 @@ class _Parser:
             elif number in (5, 10):  # t, tensors
                 self._tensor(_span(value))
             elif number in (6, 11):  # g, graphs
-                raise _Refused("contains a graph inside an operator: expected one plain graph")
+                branches.append(_span(value))
             elif number in (22, 23):  # sparse_tensor, sparse_tensors
                 raise _Refused("contains a sparse tensor: expected dense tensors only")
             if len(integers) > _MAX_RANK:

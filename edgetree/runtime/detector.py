@@ -126,9 +126,15 @@ class TreeDetector:
             rounds: Number of blank images.
         """
         blanks = [self._blank(target) for target in self.manifest.graph_inputs.values()]
-        blank: FrameImage = blanks[0] if len(blanks) == 1 else ColourAndDepth(blanks[0], blanks[1])
+        shown: list[FrameImage] = [*blanks[:1]]
+        if len(blanks) == 2:
+            shown = [ColourAndDepth(blanks[0], blanks[1])]
+            if self.manifest.alone:
+                near = np.zeros_like(blanks[1])
+                shown += [ColourAndDepth(blanks[0], near), ColourAndDepth(None, near)]
         for _ in range(rounds):
-            self.detect(blank)
+            for image in shown:
+                self.detect(image)
 
     def detect(
         self,
@@ -333,6 +339,7 @@ class TreeDetector:
         if rows.masks is not None:
             most = self.manifest.thresholds.mask_overlap
             shown = shown[distinct_trees(rows.boxes[shown], rows.masks[shown], most)]
+        shown_alone = None if prepared.alone is None else prepared.alone.image
         points, stds = rows.keypoints, rows.keypoint_stds
         if points is not None:
             points = points[shown]
@@ -350,7 +357,7 @@ class TreeDetector:
             image_height=height,
             unlike=prepared.unlike,
             alone=prepared.alone,
-            error_factor=self.manifest.error_factor,
+            error_factor=self.manifest.shown(shown_alone).error_factor,
             by_network=True,
         )
 

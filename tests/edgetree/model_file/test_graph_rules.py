@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -142,6 +143,65 @@ def _loop() -> Any:
     return [helper.make_node("Loop", ["n", "", "x"], ["y"], body=inner)], {}
 
 
+def _if(nodes: list[Any], condition: str = "c", inputs: Any = ()) -> Any:
+    """An If with these nodes, which make "z", in both branches."""
+    made = [VALUE("z", TensorProto.FLOAT, [1, 8])]
+    branch = helper.make_graph(nodes, "branch", list(inputs), made)
+    return helper.make_node("If", [condition], ["z"], then_branch=branch, else_branch=branch)
+
+
+def _condition() -> Any:
+    return helper.make_node("Equal", ["x", "x"], ["c"])
+
+
+def _deep_branches() -> Any:
+    node = helper.make_node("Identity", ["x"], ["z"])
+    for _ in range(3):
+        node = _if([node])
+    return [_condition(), node], {}
+
+
+def _branch_with_inputs() -> Any:
+    copy = helper.make_node("Identity", ["i"], ["z"])
+    return [_condition(), _if([copy], inputs=[VALUE("i", TensorProto.FLOAT, [1, 8])])], {}
+
+
+def _loop_in_a_branch() -> Any:
+    (loop,), _ = _loop()
+    return [_condition(), _if([loop])], {}
+
+
+def _large_constant_in_a_branch() -> Any:
+    size = helper.make_tensor("size", TensorProto.INT64, [1], struct.pack("<q", 2**40), raw=True)
+    branch = helper.make_graph(
+        [helper.make_node("Expand", ["x", "size"], ["z"])],
+        "branch",
+        [],
+        [VALUE("z", TensorProto.FLOAT, [1, 8])],
+        initializer=[size],
+    )
+    empty = helper.make_graph([helper.make_node("Identity", ["x"], ["z2"])], "other", [], [])
+    node = helper.make_node("If", ["c"], ["z"], then_branch=branch, else_branch=empty)
+    return [_condition(), node], {}
+
+
+def _branches_of_a_constant() -> Any:
+    return [_if([helper.make_node("Identity", ["x"], ["z"])], condition="n")], {}
+
+
+def test_branches_of_if_are_opened(tmp_path: Path) -> None:
+    """Nodes of branches stand before the If, so that its outputs are made after them."""
+    inner = _if([helper.make_node("Identity", ["x"], ["z"])])
+    nodes = [_condition(), _if([inner]), helper.make_node("Abs", ["z"], ["y"])]
+    ends = [VALUE("x", TensorProto.FLOAT, [1, 8])], [VALUE("y", TensorProto.FLOAT, [1, 8])]
+    path = tmp_path / "trees.onnx"
+    path.write_bytes(
+        helper.make_model(helper.make_graph(nodes, "graph", *ends)).SerializeToString()
+    )
+    found = [node.operators[0] for node in read_model_file(path).nodes]
+    assert found == ["Equal", *("Identity", "Identity", "If") * 2, "If", "Abs"]
+
+
 def _functions() -> Any:
     """Functions of which each calls the one before nine times."""
     opset = [helper.make_opsetid("", 20), helper.make_opsetid("bomb", 1)]
@@ -165,7 +225,12 @@ def _large_output() -> Any:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (_loop, "contains a graph inside an operator: expected one plain graph"),
+        (_loop, "contains a graph inside an operator: expected none but the branches of If"),
+        (_deep_branches, "contains a graph inside an operator: expected none but the branches of"),
+        (_branch_with_inputs, "has an If whose branch has inputs: expected none"),
+        (_loop_in_a_branch, "contains a graph inside an operator: expected none but the branches"),
+        (_large_constant_in_a_branch, "enlarges its input"),
+        (_branches_of_a_constant, "computes If from constants alone"),
         (_functions, "contains functions or a training graph"),
         (_foreign_domain, "contains an operator Gelu of 'com.microsoft'"),
         (_large_output, "RoiAlign with output_height of 1000000: expected at most 1024"),

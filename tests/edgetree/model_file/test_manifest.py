@@ -126,7 +126,11 @@ def test_a_manifest_with_a_damaged_field_is_read_or_refused(
 
 @pytest.mark.parametrize(
     "name",
-    [field.name for field in dataclasses.fields(Manifest) if field.default is dataclasses.MISSING],
+    [
+        field.name
+        for field in dataclasses.fields(Manifest)
+        if field.default is field.default_factory is dataclasses.MISSING
+    ],
 )
 @pytest.mark.parametrize("how", ["missing", "of another kind"])
 def test_every_required_field_is_refused_when_damaged(

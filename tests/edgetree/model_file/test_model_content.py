@@ -99,7 +99,7 @@ def _in_training(tensor: Any) -> Any:
         (_model(initializer=[_outside()]), "stores weights in another file"),
         (_model(initializer=[_outside("*/_ORT_MEM_ADDR_/*")]), "stores weights in another file"),
         (_in_an_attribute(_outside()), "stores weights in another file"),
-        (_in_a_branch(_outside()), "contains a graph inside an operator"),
+        (_in_a_branch(_outside()), "stores weights in another file"),
         (_in_a_function(_outside()), "contains functions or a training graph"),
         (_in_training(_outside()), "contains functions or a training graph"),
     ],
