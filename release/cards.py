@@ -49,7 +49,7 @@ DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_
 SHOWN_SCORE = 0.5
 HALF = ("50", "from 75")
 # Models that hold the weights of another one's checkpoint.
-SAME_WEIGHTS = {"edge-s-rgb": "edge-n-rgb"}
+SAME_WEIGHTS = {"edge-s-rgb": "edge-n-rgb", "edge-s-any": "edge-s"}
 FEWEST = 30
 BENCH_S = 10.0
 
@@ -247,6 +247,8 @@ def card(path: Path, sets: dict[str, Path], checkpoints: Path) -> dict[str, Any]
     fastest = f"edge-n-{manifest.modality}"
     compared = "the fastest" if path.stem == fastest else f"slower and more accurate than {fastest}"
     purpose = PURPOSE[manifest.modality]
+    if manifest.alone:
+        purpose += f", then as {' or '.join(each.name for each in manifest.alone.values())}"
     figures: dict[str, Any] = {
         "schema": CARD_SCHEMA,
         "model": path.stem,

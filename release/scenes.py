@@ -42,8 +42,14 @@ def main() -> None:
     )
     for option, use in USES.items():
         parser.add_argument(f"--{option}", type=Path, nargs="+", default=[], help=f"data for {use}")
+    parser.add_argument(
+        "--holds", type=Path, nargs="+", default=[], help="cards of the models in a combined file"
+    )
     options = parser.parse_args()
     known: list[dict[str, Any]] = []
+    for path in options.holds:
+        held = json.loads(path.read_text("utf-8"))["training_scenes"]
+        known += [each for each in held if each not in known]
     for path in options.after:
         before = json.loads(path.read_text("utf-8"))["training_scenes"]
         of_training = (each for each in before if each["use"].startswith(USES["training"]))
