@@ -77,11 +77,12 @@ def evaluate_file(
         )
     dataset = read_dataset(data, split, fold, entire_tree)
     store = frames_for(manifest, dataset.frames)
+    shown = manifest.shown(None if inputs == BOTH else inputs)
     chances, said = chances_within_reach(manifest, dataset.frames, inputs)
     return make_report(
         predict_with_file(detector.session, manifest, inputs),
         store,
-        About(_about(manifest, about), str(data), split, dataset.notes + said),
+        About(_about(shown, about), str(data), split, dataset.notes + said),
         manifest.input.batch_sizes[0],
         lambda done: progress(done, len(store)),
         chances,
@@ -102,8 +103,9 @@ def chances_within_reach(
         The factors of the scores for `make_report`, and notes on them; None and no notes where the
         model has no reach or is not shown depth, or no frame has depth in metres and a camera.
     """
-    reach_m = manifest.reach_m
-    if reach_m is None or inputs == COLOUR:
+    shown = manifest.shown(None if inputs == BOTH else inputs)
+    reach_m = shown.reach_m
+    if reach_m is None or inputs == COLOUR or shown.modality == "rgb":
         return None, ()
     known = {
         number: (frame, frame.depth_path, camera)

@@ -232,7 +232,7 @@ def models() -> Iterator[str]:
 
 def both_images() -> Iterator[str]:
     """What a model of colour and depth finds with both and with one, beside models of one."""
-    both, others = card("edge-s"), {name: card(name) for name in ("edge-s-depth", "edge-n-rgb")}
+    others = {name: card(name) for name in ("edge-s-depth", "edge-s-rgb", "edge-n-rgb")}
 
     def cells(found: list[Record]) -> list[str]:
         scores = [each["average_precision"] for each in found]
@@ -244,11 +244,20 @@ def both_images() -> Iterator[str]:
         return [*precision, right, false]
 
     sets = ("test", "field_test")
-    rows = [["`edge-s`, both images", *cells([both[name] for name in sets])]]
-    for image, other in (("depth", "edge-s-depth"), ("colour", "edge-n-rgb")):
-        alone = [both[name]["alone"][image] for name in sets]
-        rows.append([f"`edge-s`, {image} alone", *cells(alone)])
-        rows.append([f"`{other}`", *cells([others[other][name] for name in sets])])
+    models = {name: card(name) for name in ("edge-s", "edge-s-any")}
+    rows = [
+        [f"`{name}`, both images", *cells([found[each] for each in sets])]
+        for name, found in models.items()
+    ]
+    for image in ("depth", "colour"):
+        for name, found in models.items():
+            alone = [found[each]["alone"][image] for each in sets]
+            rows.append([f"`{name}`, {image} alone", *cells(alone)])
+        rows += [
+            [f"`{name}`", *cells([found[each] for each in sets])]
+            for name, found in others.items()
+            if name.endswith("depth") == (image == "depth")
+        ]
     head = ["", "AP of boxes / masks / keypoints, `test`", "`field-test`"]
     return table([*head, "trees found", "false trees a frame"], rows)
 

@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import prod
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -195,5 +196,8 @@ def _profile(
         for event in events
         if event.get("cat") == "Node" and event["name"].endswith(_EVENT_SUFFIX)
     ]
-    size = len(nodes) // runs
-    return [nodes[run * size : (run + 1) * size] for run in range(runs)]
+    # Of a combined file, runs differ in their nodes; the first one is in all of them, once.
+    starts = [number for number, event in enumerate(nodes) if event["name"] == nodes[0]["name"]]
+    if not nodes:
+        return [[]] * runs
+    return [nodes[start:end] for start, end in pairwise((*starts, len(nodes)))]

@@ -32,11 +32,16 @@ def combine(
     """Put three models into one file, which runs the one for the images that a frame has.
 
     A model of colour and depth finds less with one of the two than a model that was trained for it.
-    All three need the same input size, and one frame at a time. The file is written only if it
-    finds exactly what each of them finds.
+    All three need the same input size and precision, and one frame at a time. The file is written
+    only if it finds exactly what each of them finds.
     """
+    from basetree.files.places import check_folders, check_paths
+    from edgetree.catalogue import find_model
     from edgetree.export import combine_models
 
+    files = {"MODEL": both, "--colour": colour, "--depth": depth}
+    check_paths({"--out": out}, {name: find_model(model) for name, model in files.items()})
+    check_folders([out])
     with steps_shown("reading the files") as say:
         made = combine_models(both, colour, depth, out, say)
     tell(

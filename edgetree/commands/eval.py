@@ -46,6 +46,9 @@ def evaluate(
 ) -> None:
     """Evaluate a model file on labelled frames, like `perceptree eval` does for a checkpoint.
 
+    Where frames have depth in metres and a camera, scores of trees beyond the reach of the model's
+    labels are lowered, as `run` and `live` do.
+
     Prints the COCO AP of boxes, masks and keypoints and errors in pixels, by distance, weather and
     other conditions. Needs the packages for training.
     """

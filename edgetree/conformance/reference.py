@@ -53,7 +53,13 @@ class Reference:
         )
         session = self._detector.session
         # Programs in other languages leave out no image that is unlike those of the training.
-        self._detector.manifest = dataclasses.replace(self.manifest, training_pictures=())
+        alone = {
+            kind: dataclasses.replace(each, training_pictures=())
+            for kind, each in self.manifest.alone.items()
+        }
+        self._detector.manifest = dataclasses.replace(
+            self.manifest, training_pictures=(), alone=alone
+        )
         self._all = TreeDetector(session, score_threshold=score_threshold)
         thresholds = dataclasses.replace(self.manifest.thresholds, mask_overlap=1.0)
         self._all.manifest = dataclasses.replace(self.manifest, thresholds=thresholds)

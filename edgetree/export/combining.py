@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from basetree.errors import CheckFailed, InputError
+from basetree.errors import CheckFailed, InputError, MissingPackage, install_hint
 from basetree.files.regular import read_regular
 from basetree.files.writing import write_whole
 from calib import DepthEncoding, Letterbox
@@ -34,6 +34,12 @@ from edgetree.samples import sample_frames
 
 BOTH: Final = "both"
 _SHOWS: Final = {COLOUR: ("ReduceMax", "Greater"), DEPTH: ("ReduceMin", "Less")}
+
+_NEEDED: Final = {
+    BOTH: ("both", "colour and depth"),
+    COLOUR: ("rgb", "colour"),
+    DEPTH: ("depth", "depth"),
+}
 
 Say = Callable[[str], None]
 
@@ -70,23 +76,35 @@ def combine_models(
     Raises:
         InputError: `out` does not end in .onnx.
         ModelFileError: a file cannot be opened, is combined already, or is unlike the one of both
-            images in input size, padding, outputs, thresholds or batch size.
+            images in input size, padding, outputs, lowest score, precision or batch size.
         CheckFailed: The combined file finds something else than one of the three.
+        MissingPackage: The package onnx is not installed.
     """
-    import onnx
+    try:
+        import onnx
+    except ImportError as error:
+        hint = install_hint("cpu", "export")
+        raise MissingPackage(f"{error.name} is not installed: {hint}") from error
 
     if out.suffix.lower() != ".onnx":
         raise InputError(f"the file to write is {out}: expected a name that ends in .onnx")
     say("reading the files")
     paths = {BOTH: find_model(both), COLOUR: find_model(colour), DEPTH: find_model(depth)}
-    sessions = {kind: OrtSession(path) for kind, path in paths.items()}
-    manifests = {kind: TreeDetector(session).manifest for kind, session in sessions.items()}
-    for kind, modality in ((BOTH, "both"), (COLOUR, "rgb"), (DEPTH, "depth")):
+    detectors = {kind: TreeDetector(OrtSession(path)) for kind, path in paths.items()}
+    manifests = {kind: detector.manifest for kind, detector in detectors.items()}
+    for kind, (modality, words) in _NEEDED.items():
         found = manifests[kind]
         if found.modality != modality or found.alone:
-            what = "is combined already" if found.alone else f"takes {found.images} images"
-            raise ModelFileError(f"model {paths[kind]} {what}: expected one of {kind} alone")
+            what = "is combined already" if found.alone else f"takes {found.images}"
+            raise ModelFileError(f"model {paths[kind]} {what}: expected one that takes {words}")
     alone = {kind: manifests[kind] for kind in (COLOUR, DEPTH)}
+    for kind, found in alone.items():
+        own, most = found.thresholds.mask_overlap, manifests[BOTH].thresholds.mask_overlap
+        if own != most:  # trees are chosen by it after the graph, which does not say what ran
+            raise ModelFileError(
+                f"model {paths[kind]} has a mask_overlap of {own}: expected {most}, that of"
+                f" {paths[BOTH]}"
+            )
     parameters = sum(each.parameters for each in manifests.values())
     try:
         manifest = replace(manifests[BOTH], name=out.stem, parameters=parameters, alone=alone)
@@ -95,8 +113,12 @@ def combine_models(
     say("joining the graphs")
     protos = {kind: onnx.load_model_from_string(read_regular(paths[kind])) for kind in paths}
     content = with_manifest(_joined(protos, manifest), manifest)
-    check_content(content, out)
+    try:
+        check_content(content, out)
+    except ModelFileError as error:
+        raise ModelFileError(f"the three files are too large together: {error}") from error
     say("comparing with the files")
+    sessions = {kind: detector.session for kind, detector in detectors.items()}
     frames = _compare(OrtSession(out, content=content), manifest, sessions)
     write_whole(out, content)
     return CombinedModel(out, manifest, frames, len(content))
@@ -127,7 +149,7 @@ def _joined(protos: Mapping[str, Any], manifest: Manifest) -> Any:
     )
     nodes.append(_choice("has_colour", outputs, colour_given, branches[DEPTH]))
     constants += [each for each in both.initializer if each.name == SCORE_INPUT]
-    graph = helper.make_graph(nodes, manifest.name, both.input, both.output, constants)
+    graph = helper.make_graph(nodes, "combined", both.input, both.output, constants)
     source = protos[BOTH]
     return helper.make_model(graph, opset_imports=source.opset_import, ir_version=source.ir_version)
 
@@ -154,7 +176,7 @@ def _branch(graph: Any, kind: str, manifest: Manifest) -> Any:
     branch = copy.deepcopy(graph)
     del branch.input[:]
     for node in branch.node:
-        node.name = f"{node.name}@{kind}"
+        node.name = node.name and f"{node.name}@{kind}"
         for names in (node.input, node.output):
             names[:] = [shared.get(name, f"{name}@{kind}") for name in names]
     own = [each for each in branch.initializer if each.name not in shared]

@@ -126,7 +126,8 @@ class Manifest:
         thresholds: Thresholds for the outputs.
         precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
-        parameters: Number of weights.
+        parameters: Number of weights; of a combined file those of all models. Whatever else is
+            said of a network is said of the one for both images.
         weights_sha256: Hash of the checkpoint's weights.
         training_data: id of the data that the weights were trained on.
         project_version: Version of edgetree that wrote the file.
@@ -252,8 +253,12 @@ class Manifest:
                 ("depth encoding", encoding, self.depth_encoding),
                 ("outputs", model.outputs, self.outputs),
                 ("keypoint_names", model.keypoint_names, self.keypoint_names),
-                ("thresholds", model.thresholds, self.thresholds),
+                ("lowest score", model.thresholds.score, self.thresholds.score),
+                ("score_input", model.thresholds.score_input, self.thresholds.score_input),
                 ("opset", model.opset, self.opset),
+                ("precision", model.precision, self.precision),
+                ("weight_bits", model.weight_bits, self.weight_bits),
+                ("target", model.target, self.target),
             ):
                 require(value == expected, f"{where}: {name}", value, f"{expected}, as {self.name}")
 

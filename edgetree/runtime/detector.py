@@ -14,7 +14,7 @@ import calib
 from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
-from edgetree.model_file.inputs_outputs import InputSpec
+from edgetree.model_file.inputs_outputs import COLOUR, DEPTH, InputSpec
 from edgetree.runtime.drawn_ground import with_ground
 from edgetree.runtime.duplicates import distinct_trees, joined
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
@@ -123,7 +123,7 @@ class TreeDetector:
         The first inference allocates memory and, on a GPU, chooses and compiles kernels.
 
         Args:
-            rounds: Number of blank images.
+            rounds: Number of blank images for each model of the file.
         """
         blanks = [self._blank(target) for target in self.manifest.graph_inputs.values()]
         shown: list[FrameImage] = [*blanks[:1]]
@@ -184,7 +184,10 @@ class TreeDetector:
         self, found: TreeDetections, image: FrameImage, camera: calib.PinholeCamera
     ) -> TreeDetections:
         """The found trees whose scores are still high enough after `reach.within_reach`."""
-        reach_m = self.manifest.reach_m
+        alone = None if found.alone is None else found.alone.image
+        reach_m = self.manifest.shown(alone).reach_m
+        if alone == COLOUR:
+            return found
         depth = image.depth_m if isinstance(image, ColourAndDepth) else image
         if reach_m is None or self._encoding is None or depth is None:
             return found
@@ -275,7 +278,20 @@ class TreeDetector:
         found = self._in_batches(images + list(drawn.values()))
         for index, again in zip(drawn, found[len(images) :], strict=True):
             found[index] = joined(again, found[index], self.manifest.thresholds.mask_overlap)
-        return found[: len(images)]
+        return [self._with_drawn(*each) for each in zip(images, found, strict=False)]
+
+    def _with_drawn(self, image: FrameImage, found: TreeDetections) -> TreeDetections:
+        """Of a combined file that was shown depth alone: the trees with ground drawn in, too."""
+        alone = found.alone
+        if not (self.manifest.alone and alone and isinstance(image, ColourAndDepth)):
+            return found
+        depth_m = image.depth_m if alone.image == DEPTH else None
+        drawn = None if depth_m is None else _with_ground(depth_m)
+        if drawn is None:
+            return found
+        (again,) = self._in_batches([ColourAndDepth(None, drawn)])
+        most = self.manifest.thresholds.mask_overlap
+        return replace(joined(again, found, most), unlike=found.unlike, alone=alone)
 
     def _in_batches(self, images: list[FrameImage]) -> list[TreeDetections]:
         found: list[TreeDetections] = []

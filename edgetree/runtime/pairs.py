@@ -117,6 +117,7 @@ def prepare_pair(
     planes: dict[str, UInt8] = {}
     gone = {COLOUR: pair.no_image, DEPTH: pair.no_depth}
     unlike: dict[str, UnlikeTraining] = {}
+    statistics: dict[str, dict[str, float]] = {}
     for kind, image in given.items():
         if image is None:
             continue
@@ -124,13 +125,15 @@ def prepare_pair(
         pad_value = manifest.pad_value_of(targets[kind])
         plane = letterbox.apply(to_bytes(image, of_depth), pad_value)
         inner = plane[: letterbox.resized_height, : letterbox.resized_width]
-        statistics = calib.picture_statistics(np.ascontiguousarray(inner), of_depth)
-        if (nothing := _shows_nothing(statistics)) is not None:
+        found = calib.picture_statistics(np.ascontiguousarray(inner), of_depth)
+        if (nothing := _shows_nothing(found)) is not None:
             gone[kind] = nothing
             continue
-        planes[kind] = plane
-        if (found := unlike_training(statistics, manifest.training_pictures)) is not None:
-            unlike[kind] = found
+        planes[kind], statistics[kind] = plane, found
+    usual = manifest.shown(None if len(planes) == len(given) else next(iter(planes), None))
+    for kind, found in statistics.items():
+        if (differing := unlike_training(found, usual.training_pictures)) is not None:
+            unlike[kind] = differing
     if len(planes) == len(given) and len(unlike) == 1:
         (kind,) = unlike
         gone[kind] = f"unlike the training pictures: {unlike.pop(kind)}"

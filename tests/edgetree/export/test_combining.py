@@ -9,12 +9,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stems_without_ground import STEMS
 
+from basetree.arrays import Float32
 from basetree.errors import CheckFailed, EdgetreeError
 from edgetree import TreeDetections, TreeDetector, sample_frames
+from edgetree.bench.profile import PARTS, network_times
+from edgetree.catalogue import find_model
+from edgetree.conformance import make_kit, read_kit
 from edgetree.errors import ModelFileError
 from edgetree.export import combine_models, combining, verify_model
-from edgetree.model_file.manifest import Manifest
+from edgetree.export.build import with_manifest
+from edgetree.model_file.manifest import Manifest, UsualRange
+from edgetree.runtime import ColourAndDepth, SessionSettings
 
 Cli = Callable[..., Any]
 ROOT = Path(__file__).parents[3]
@@ -56,12 +63,22 @@ def test_each_image_is_given_to_the_model_that_was_trained_for_it(combined: Path
     assert same(depth, TreeDetector.load(DEPTH).detect(depth_m))
 
 
-def test_an_image_that_shows_nothing_counts_as_missing(combined: Path) -> None:
-    image, depth_m = SAMPLE.image(), SAMPLE.depth_m()
+@pytest.mark.parametrize("depth_m", [SAMPLE.depth_m(), STEMS], ids=["ground", "no ground"])
+def test_an_image_that_shows_nothing_counts_as_missing(combined: Path, depth_m: Float32) -> None:
+    black = np.zeros((*depth_m.shape, 3), np.uint8)
 
-    found = TreeDetector.load(combined).detect(np.zeros_like(image), depth_m)
+    found = TreeDetector.load(combined).detect(black, depth_m)
 
     assert same(found, TreeDetector.load(DEPTH).detect(depth_m))
+    assert "black" in str(found.alone)
+
+
+def test_depth_alone_without_ground_is_seen_as_by_the_depth_model(combined: Path) -> None:
+    detector, own = TreeDetector.load(combined), TreeDetector.load(DEPTH)
+
+    found = detector.detect(depth_m=STEMS)
+
+    assert same(found, own.detect(STEMS))
 
 
 def test_errors_are_those_of_the_model_that_ran(combined: Path) -> None:
@@ -87,6 +104,47 @@ def test_errors_are_those_of_the_model_that_ran(combined: Path) -> None:
     assert factors == [0.9, 0.6, 0.5]
 
 
+def test_the_reach_is_that_of_the_model_that_ran(combined: Path) -> None:
+    detector, image, depth_m = TreeDetector.load(combined), SAMPLE.image(), SAMPLE.depth_m()
+    alone = detector.manifest.alone
+    near = replace(alone["depth"], reach_m=1.0)
+    detector.manifest = replace(detector.manifest, alone={**alone, "depth": near})
+    dark = np.zeros_like(image)
+
+    assert len(detector.detect(image, depth_m, SAMPLE.camera))
+    assert not len(detector.detect(dark, depth_m, SAMPLE.camera))
+    assert len(detector.detect(dark, depth_m))
+
+
+def test_a_picture_alone_is_unlike_those_of_the_model_that_ran(combined: Path) -> None:
+    detector = TreeDetector.load(combined)
+    alone = detector.manifest.alone
+    odd = replace(alone["colour"], training_pictures=(UsualRange("lightness", 1.0, 2.0),))
+    detector.manifest = replace(detector.manifest, alone={**alone, "colour": odd})
+
+    assert detector.detect(SAMPLE.image()).unlike is not None
+    assert detector.detect(SAMPLE.image(), SAMPLE.depth_m()).unlike is None
+
+
+def test_a_profile_counts_the_model_that_ran_and_no_branch_twice(combined: Path) -> None:
+    detector = TreeDetector.load(combined)
+    pairs = [ColourAndDepth(SAMPLE.image(), SAMPLE.depth_m()), ColourAndDepth(SAMPLE.image(), None)]
+    inputs = [detector.inputs_of(detector.prepare(pair)[None]) for pair in pairs]
+
+    both, mixed, own = (
+        network_times(path, SessionSettings(threads=1), given)
+        for path, given in ((combined, inputs[:1]), (combined, inputs), (BOTH, inputs[:1]))
+    )
+
+    assert all(both.parts_ms[part] > 0 for part in PARTS)
+    counts = [
+        {each.operator: each.nodes for each in times.operators} for times in (both, mixed, own)
+    ]
+    assert "If" not in counts[0]
+    assert counts[0]["QLinearConv"] == counts[2]["QLinearConv"]
+    assert counts[1]["QLinearConv"] < counts[0]["QLinearConv"]
+
+
 def test_all_models_are_warmed_up(combined: Path) -> None:
     detector, shown = TreeDetector.load(combined), []
     run = detector.session.run
@@ -106,8 +164,11 @@ def test_all_models_are_warmed_up(combined: Path) -> None:
     [
         ((BOTH, "edge-n-rgb", DEPTH), r"colour alone, edge-n-rgb: input size is \(384, 640, 3\)"),
         ((BOTH, COLOUR, "edge-n-depth"), r"depth alone, edge-n-depth: input size is \(384, 640\)"),
-        ((BOTH, DEPTH, DEPTH), "edge-s-depth.onnx takes depth images: expected one of colour"),
-        ((COLOUR, COLOUR, DEPTH), "edge-s-rgb.onnx takes colour images: expected one of both"),
+        ((BOTH, DEPTH, DEPTH), "edge-s-depth.onnx takes depth: expected one that takes colour"),
+        (
+            (COLOUR, COLOUR, DEPTH),
+            "edge-s-rgb.onnx takes colour: expected one that takes colour and",
+        ),
         ((Path("none.onnx"), COLOUR, DEPTH), "model none.onnx does not exist: expected"),
     ],
 )
@@ -124,6 +185,23 @@ def test_a_combined_file_and_another_name_are_refused(combined: Path, tmp_path: 
         combine_models(BOTH, COLOUR, DEPTH, tmp_path / "out.bin", lambda _: None)
 
 
+def test_trees_are_chosen_alike_after_the_graph(tmp_path: Path) -> None:
+    import onnx
+
+    other = tmp_path / "other.onnx"
+    manifest = manifest_of(DEPTH)
+    thresholds = replace(manifest.thresholds, mask_overlap=0.5)
+    proto = onnx.load(find_model(DEPTH))
+    other.write_bytes(with_manifest(proto, replace(manifest, thresholds=thresholds)))
+    with pytest.raises(ModelFileError, match=r"has a mask_overlap of 0\.5: expected 0\.8"):
+        combine_models(BOTH, COLOUR, other, tmp_path / "out.onnx", lambda _: None)
+
+
+def test_a_conformance_kit_is_made_of_a_combined_file(combined: Path, tmp_path: Path) -> None:
+    make_kit(combined, tmp_path / "kit")
+    assert read_kit(tmp_path / "kit").frames
+
+
 def test_a_file_that_finds_something_else_is_not_written(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -135,16 +213,17 @@ def test_a_file_that_finds_something_else_is_not_written(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("changed", ["thresholds", "opset", "batch"])
+@pytest.mark.parametrize("changed", ["lowest score", "opset", "batch"])
 def test_the_models_of_a_combined_file_are_alike(combined: Path, changed: str) -> None:
     manifest = TreeDetector.load(combined).manifest
     depth = manifest.alone["depth"]
     values: dict[str, Any] = {
-        "thresholds": replace(depth.thresholds, nms_iou=0.4),
+        "lowest score": replace(depth.thresholds, score=0.02),
         "opset": 18,
         "batch": replace(depth.input, batch_sizes=(2,)),
     }
-    other = replace(depth, **{"input" if changed == "batch" else changed: values[changed]})
+    names = {"lowest score": "thresholds", "batch": "input"}
+    other = replace(depth, **{names.get(changed, changed): values[changed]})
     with pytest.raises(ModelFileError, match=f"depth alone, edge-s-depth: {changed}"):
         replace(manifest, alone={**manifest.alone, "depth": other})
     with pytest.raises(ModelFileError, match=r"alone is \('depth',\): expected"):
@@ -186,6 +265,10 @@ def test_the_command_says_what_it_made(run_cli: Cli, tmp_path: Path) -> None:
     done = run_cli("combine", BOTH, "--colour", COLOUR, "--depth", DEPTH, "--out", out)
     assert done.code == 0
     assert "made.onnx (15.0 MB) finds what the three files find, on 6 frames" in done.out
-    refused = run_cli("combine", BOTH, "--colour", COLOUR, "--depth", COLOUR, "--out", out)
+    itself = run_cli("combine", out, "--colour", COLOUR, "--depth", DEPTH, "--out", out)
+    assert itself.code == 2
+    assert "--out is" in itself.err
+    other = tmp_path / "other.onnx"
+    refused = run_cli("combine", BOTH, "--colour", COLOUR, "--depth", COLOUR, "--out", other)
     assert refused.code == 2
-    assert "edge-s-rgb.onnx takes colour images: expected one of depth alone" in refused.err
+    assert "edge-s-rgb.onnx takes colour: expected one that takes depth" in refused.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,13 @@ import pytest
 from stems_at_a_distance import CAMERA, HEIGHT, PAIR, PAIR_M, REACH_M, WIDTH, faked
 
 from calib import CocoLabels, DepthEncoding, encode_depth, write_depth
+from edgetree import TreeDetector
 from edgetree.errors import InputError
-from edgetree.evaluate import evaluate_file
+from edgetree.evaluate import chances_within_reach, evaluate_file
+from perceptree.data import read_dataset
 from perceptree.keypoints import KEYPOINT_NAMES
 
+ROOT = Path(__file__).parents[3]
 NOTE = "scores of trees beyond 10 m are lowered, by the depth of 1 of 1 frame"
 
 
@@ -72,6 +76,27 @@ def test_without_metres_and_camera_it_counts(tmp_path: Path, fields: dict[str, A
 
 def test_a_model_without_reach_counts_all(tmp_path: Path) -> None:
     assert evaluated(dataset(tmp_path), reach_m=None)["at_score"]["invented"] == 1
+
+
+@pytest.mark.parametrize(("inputs", "noted"), [("both", 1), ("depth", 1), ("colour", 0)])
+def test_a_model_of_both_counts_so_where_it_is_shown_depth(
+    tmp_path: Path, inputs: str, noted: int
+) -> None:
+    frames = read_dataset(dataset(tmp_path), "test").frames
+    manifest = TreeDetector.load(ROOT / "models/edge-s.onnx").manifest
+
+    chances, notes = chances_within_reach(manifest, frames, inputs)
+
+    assert len(notes) == noted
+    assert (chances is not None) == bool(noted)
+
+
+def test_a_colour_model_counts_all(tmp_path: Path) -> None:
+    """A training on simulated frames tells the reach of colour models, too."""
+    frames = read_dataset(dataset(tmp_path), "test").frames
+    manifest = replace(TreeDetector.load("edge-n-rgb").manifest, reach_m=REACH_M)
+
+    assert chances_within_reach(manifest, frames) == (None, ())
 
 
 def test_depth_of_another_size_is_told(tmp_path: Path) -> None:

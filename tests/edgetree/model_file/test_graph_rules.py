@@ -102,7 +102,7 @@ REFUSED: dict[str, tuple[list[Node], dict[str, np.ndarray], str]] = {
         "an operator Resize whose sizes are computed",
     ),
     "very many operators": (
-        [Node("Identity", ("x",), ("y",))] * 5_001,
+        [Node("Identity", ("x",), (f"y{number}",)) for number in range(5_001)],
         {},
         "has more than 5000 operators",
     ),
@@ -143,11 +143,13 @@ def _loop() -> Any:
     return [helper.make_node("Loop", ["n", "", "x"], ["y"], body=inner)], {}
 
 
-def _if(nodes: list[Any], condition: str = "c", inputs: Any = ()) -> Any:
-    """An If with these nodes, which make "z", in both branches."""
-    made = [VALUE("z", TensorProto.FLOAT, [1, 8])]
-    branch = helper.make_graph(nodes, "branch", list(inputs), made)
-    return helper.make_node("If", [condition], ["z"], then_branch=branch, else_branch=branch)
+def _if(nodes: list[Any], made: str = "y", condition: str = "c", inputs: Any = ()) -> Any:
+    """An If with these nodes in one branch, and a copy of "x" in the other."""
+    own, copied = (VALUE(name, TensorProto.FLOAT, [1, 8]) for name in ("z", f"other_{made}"))
+    branch = helper.make_graph(nodes, "branch", list(inputs), [own])
+    copy = helper.make_node("Identity", ["x"], [copied.name])
+    other = helper.make_graph([copy], "other", [], [copied])
+    return helper.make_node("If", [condition], [made], then_branch=branch, else_branch=other)
 
 
 def _condition() -> Any:
@@ -156,8 +158,21 @@ def _condition() -> Any:
 
 def _deep_branches() -> Any:
     node = helper.make_node("Identity", ["x"], ["z"])
-    for _ in range(3):
-        node = _if([node])
+    for level in range(3):
+        node = _if([node], f"y{level}")
+    return [_condition(), node], {}
+
+
+def _sizes_of_the_other_branch() -> Any:
+    """A name that is a shape in one branch, and computed in the other."""
+    shape = helper.make_node("Shape", ["x"], ["s"])
+    one = helper.make_graph([shape], "one", [], [VALUE("s", TensorProto.INT64, [2])])
+    nodes = [
+        helper.make_node("Cast", ["x"], ["s"], to=TensorProto.INT64),
+        helper.make_node("Expand", ["x", "s"], ["w"]),
+    ]
+    two = helper.make_graph(nodes, "two", [], [VALUE("w", TensorProto.FLOAT, [8])])
+    node = helper.make_node("If", ["c"], ["y"], else_branch=one, then_branch=two)
     return [_condition(), node], {}
 
 
@@ -191,15 +206,15 @@ def _branches_of_a_constant() -> Any:
 
 def test_branches_of_if_are_opened(tmp_path: Path) -> None:
     """Nodes of branches stand before the If, so that its outputs are made after them."""
-    inner = _if([helper.make_node("Identity", ["x"], ["z"])])
-    nodes = [_condition(), _if([inner]), helper.make_node("Abs", ["z"], ["y"])]
+    inner = _if([helper.make_node("Identity", ["x"], ["z"])], "inner")
+    nodes = [_condition(), _if([inner], "outer"), helper.make_node("Abs", ["outer"], ["y"])]
     ends = [VALUE("x", TensorProto.FLOAT, [1, 8])], [VALUE("y", TensorProto.FLOAT, [1, 8])]
     path = tmp_path / "trees.onnx"
     path.write_bytes(
         helper.make_model(helper.make_graph(nodes, "graph", *ends)).SerializeToString()
     )
     found = [node.operators[0] for node in read_model_file(path).nodes]
-    assert found == ["Equal", *("Identity", "Identity", "If") * 2, "If", "Abs"]
+    assert found == ["Equal", *["Identity"] * 3, "If", "If", "Abs"]
 
 
 def _functions() -> Any:
@@ -226,6 +241,7 @@ def _large_output() -> Any:
     ("make", "message"),
     [
         (_loop, "contains a graph inside an operator: expected none but the branches of If"),
+        (_sizes_of_the_other_branch, "computes 's' twice: expected unique names"),
         (_deep_branches, "contains a graph inside an operator: expected none but the branches of"),
         (_branch_with_inputs, "has an If whose branch has inputs: expected none"),
         (_loop_in_a_branch, "contains a graph inside an operator: expected none but the branches"),

@@ -13,6 +13,7 @@ import torch
 from safetensors.torch import save
 
 from edgetree.catalogue import default_model
+from edgetree.export.combining import combine_models
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
@@ -85,12 +86,18 @@ def _open_model(path: Path) -> None:
     OrtSession(path, SessionSettings(CPU, threads=1))
 
 
+def _combine(path: Path) -> object:
+    out = path.with_name("combined.onnx")
+    return combine_models(path, "edge-s-rgb", "edge-s-depth", out, lambda _: None)
+
+
 def _manifest() -> bytes:
     return read_model_file(default_model("depth")).metadata["edgetree.manifest"].encode()
 
 
 FORMATS = {
     "model.onnx": Format((_model(),), _open_model),
+    "combined": Format((_model(),), _combine, refused="no manifest"),
     "manifest": Format((_manifest(),), lambda path: Manifest.from_json(path.read_text("utf-8"))),
     "checkpoint": Format((_checkpoint(),), load_checkpoint, refused="is missing"),
     "weights": Format(_weights(), read_weights),
