@@ -31,9 +31,9 @@ def combine(
 ) -> None:
     """Put three models into one file, which runs the one for the images that a frame has.
 
-    A model of colour and depth finds less with one of the two than a model that was trained for it.
-    All three need the same input size and precision, and one frame at a time. The file is written
-    only if it finds exactly what each of them finds.
+    Shown only one of the two images, a model of colour and depth finds less than a model that was
+    trained for that image. All three need the same input size and precision, and one frame at a
+    time. The file is written only if it finds exactly what each of them finds.
     """
     from basetree.files.places import check_folders, check_paths
     from edgetree.catalogue import find_model

@@ -1,8 +1,8 @@
 """Combine model files of colour and depth, of colour, and of depth into one.
 
-A model of colour and depth finds less with one image alone than a model that was trained for this
-image. A combined file holds the graphs of three files. Operators `If` run the one for the images
-that show anything, so that a frame takes no longer than with that file.
+Shown only one of the two images, a model of colour and depth finds less than a model that was
+trained for that image. A combined file holds the graphs of three files. Operators `If` run the one
+for the images that show anything, so that a frame takes no longer than with that file.
 """
 
 from __future__ import annotations

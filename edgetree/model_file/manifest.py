@@ -126,8 +126,8 @@ class Manifest:
         thresholds: Thresholds for the outputs.
         precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
-        parameters: Number of weights; of a combined file those of all models. Whatever else is
-            said of a network is said of the one for both images.
+        parameters: Number of weights. Of a combined file that of all its models; all other values
+            are those of the model of both images.
         weights_sha256: Hash of the checkpoint's weights.
         training_data: id of the data that the weights were trained on.
         project_version: Version of edgetree that wrote the file.
