@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from enum import Enum, auto
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
+from weakref import WeakSet
 
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
@@ -67,6 +68,7 @@ class PageHttpServer(ThreadingHTTPServer):
         self._used: Counter[str] = Counter()
         self._most_accepted = 4 * max_clients + 8
         self._open: dict[socket.socket, _State] = {}  # in the order of their beginning
+        self._answering: WeakSet[threading.Thread] = WeakSet()
         super().__init__(where, handler)
 
     def server_bind(self) -> None:
@@ -109,6 +111,12 @@ class PageHttpServer(ThreadingHTTPServer):
             request.send(f"{head}Connection: close\r\n\r\n{text}".encode())
         self.shutdown_request(request)
 
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer; `disconnect` waits for this thread."""
+        with self._lock:
+            self._answering.add(threading.current_thread())
+        super().process_request_thread(request, client_address)
+
     def accept(self, request: Any) -> bool:
         """Keep a connection, as its client may open the page; False if too many are kept."""
         with self._lock:
@@ -142,3 +150,7 @@ class PageHttpServer(ThreadingHTTPServer):
         end_s = time.monotonic() + timeout_s
         while self._open and time.monotonic() < end_s:
             time.sleep(0.01)
+        with self._lock:
+            answering = list(self._answering)
+        for thread in answering:
+            thread.join(max(end_s - time.monotonic(), 0.0))

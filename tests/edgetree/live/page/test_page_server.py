@@ -4,6 +4,7 @@ import base64
 import hashlib
 import re
 import socket
+import socketserver
 import threading
 import time
 from collections.abc import Callable
@@ -338,6 +339,22 @@ def test_close_takes_less_than_a_second_and_frees_the_port(serve, connect, live_
     assert not [name for name in left if name == "page" or "process_request" in name]
     with PageServer(port=port):
         pass
+
+
+def test_close_waits_for_threads_that_are_slow_to_end(
+    serve, connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end = socketserver.TCPServer.shutdown_request
+
+    def end_slowly(*request: object) -> None:
+        time.sleep(0.1)
+        end(*request)
+
+    monkeypatch.setattr(socketserver.TCPServer, "shutdown_request", end_slowly)
+    server = serve()
+    connect(server).send("/events").event()
+    server.close()
+    assert not [each.name for each in threading.enumerate() if "process_request" in each.name]
 
 
 def test_closing_twice_or_without_a_start_is_harmless(live_result) -> None:
