@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.model_file.inputs_outputs import COLOUR, DEPTH, InputSpec
-from edgetree.runtime.drawn_ground import with_ground
+from edgetree.runtime.drawn_ground import frame_with_ground
 from edgetree.runtime.duplicates import distinct_trees, joined
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.image_shift import unlike_training, what_helps
@@ -24,6 +24,7 @@ from edgetree.runtime.pairs import (
     ColourAndDepth,
     FrameImage,
     PreparedImages,
+    check_camera,
     check_pair,
     depth_name,
     prepare_pair,
@@ -32,6 +33,7 @@ from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.reach import within_reach
 from edgetree.runtime.session import InferenceSession, OrtSession
 
+Cameras: TypeAlias = Sequence[calib.PinholeCamera | None]
 DISPLAY_THRESHOLD: Final = 0.5
 
 
@@ -174,16 +176,15 @@ class TreeDetector:
             if isinstance(image, ColourAndDepth):
                 raise InputError("depth_m is given with a ColourAndDepth: expected one of them")
             image = ColourAndDepth(image, depth_m)
-        checked = self._checked(image, "image")
-        if camera is not None:
-            _check_size(camera, checked)
-        (found,) = self._detect_all([checked])
-        return found if camera is None else self._within_reach(found, checked, camera)
+        (found,) = self._detect_all([self._checked(image, "image", camera)], [camera])
+        return found
 
     def _within_reach(
-        self, found: TreeDetections, image: FrameImage, camera: calib.PinholeCamera
+        self, found: TreeDetections, image: FrameImage, camera: calib.PinholeCamera | None
     ) -> TreeDetections:
         """The found trees whose scores are still high enough after `reach.within_reach`."""
+        if camera is None:
+            return found
         alone = None if found.alone is None else found.alone.image
         reach_m = self.manifest.shown(alone).reach_m
         if alone == COLOUR:
@@ -194,7 +195,11 @@ class TreeDetector:
         depth_m = calib.decode_depth(depth, self._encoding) if depth.dtype == np.uint8 else depth
         return within_reach(found, depth_m, camera, reach_m).above(self.score_threshold)
 
-    def detect_batch(self, images: Sequence[FrameImage]) -> list[TreeDetections]:
+    def detect_batch(
+        self,
+        images: Sequence[FrameImage],
+        cameras: Cameras | None = None,
+    ) -> list[TreeDetections]:
         """Detect the trees in several images, which may differ in size.
 
         Images are run in batches of the size that the model file was exported for, or the largest
@@ -202,20 +207,33 @@ class TreeDetector:
 
         Args:
             images: Images as for `detect`; colour and depth of a frame as a `ColourAndDepth`.
+            cameras: The camera of each image as for `detect`; None if none is known.
 
         Returns:
             The result of `detect` for each image.
 
         Raises:
-            InputError: As for `detect`, with the index of the image; raised before any inference.
+            InputError: As for `detect`, with the index of the image, or there are more or fewer
+                cameras than images; raised before any inference.
             ModelFileError: As for `detect`.
         """
-        return self._detect_all(
-            [self._checked(image, f"images[{index}]") for index, image in enumerate(images)]
-        )
+        each: Cameras = [None] * len(images) if cameras is None else list(cameras)
+        if len(each) != len(images):
+            raise InputError(f"{len(each)} cameras for {len(images)} images: expected one of each")
+        pairs = enumerate(zip(images, each, strict=True))
+        checked = [self._checked(image, f"images[{i}]", camera) for i, (image, camera) in pairs]
+        return self._detect_all(checked, each)
 
-    def _checked(self, image: FrameImage | None, name: str) -> FrameImage:
+    def _checked(
+        self, image: FrameImage | None, name: str, camera: calib.PinholeCamera | None = None
+    ) -> FrameImage:
         """The image that the model takes, or both of a frame; raises InputError."""
+        found = self._taken(image, name)
+        if camera is not None:
+            check_camera(camera, found, name)
+        return found
+
+    def _taken(self, image: FrameImage | None, name: str) -> FrameImage:
         manifest = self.manifest
         if manifest.takes_both:
             pair = image if isinstance(image, ColourAndDepth) else ColourAndDepth(image, None)
@@ -268,17 +286,21 @@ class TreeDetector:
         pixels = letterbox.apply(to_bytes(image, self._encoding), pad_value)
         return PreparedImages(letterbox, (pixels,), None, self._unlike(pixels, letterbox))
 
-    def _detect_all(self, images: list[FrameImage]) -> list[TreeDetections]:
+    def _detect_all(self, images: list[FrameImage], cameras: Cameras) -> list[TreeDetections]:
         """The trees of checked images, of those without ground also with ground drawn in."""
         drawn = {}
         for index, image in enumerate(images):
-            with_plane = _with_ground(image)
+            with_plane = frame_with_ground(image)
             if with_plane is not None:
                 drawn[index] = with_plane
         found = self._in_batches(images + list(drawn.values()))
         for index, again in zip(drawn, found[len(images) :], strict=True):
             found[index] = joined(again, found[index], self.manifest.thresholds.mask_overlap)
-        return [self._with_drawn(*each) for each in zip(images, found, strict=False)]
+        each = zip(images, found, cameras, strict=False)
+        return [
+            self._within_reach(self._with_drawn(image, trees), image, camera)
+            for image, trees, camera in each
+        ]
 
     def _with_drawn(self, image: FrameImage, found: TreeDetections) -> TreeDetections:
         """Of a combined file that was shown depth alone: the trees with ground drawn in, too."""
@@ -286,7 +308,7 @@ class TreeDetector:
         if not (self.manifest.alone and alone and isinstance(image, ColourAndDepth)):
             return found
         depth_m = image.depth_m if alone.image == DEPTH else None
-        drawn = None if depth_m is None else _with_ground(depth_m)
+        drawn = None if depth_m is None else frame_with_ground(depth_m)
         if drawn is None:
             return found
         (again,) = self._in_batches([ColourAndDepth(None, drawn)])
@@ -376,21 +398,3 @@ class TreeDetector:
             error_factor=self.manifest.shown(shown_alone).error_factor,
             by_network=True,
         )
-
-
-def _check_size(camera: calib.PinholeCamera, image: FrameImage) -> None:
-    """Raise InputError if a camera is not of a checked image's size."""
-    images = (image.image, image.depth_m) if isinstance(image, ColourAndDepth) else (image,)
-    height, width = next(each.shape[:2] for each in images if each is not None)
-    if (camera.width, camera.height) != (width, height):
-        raise InputError(
-            f"the camera is for {camera.width}x{camera.height} px and the image has"
-            f" {width}x{height} px: expected one size"
-        )
-
-
-def _with_ground(image: FrameImage) -> NDArray[np.float32] | None:
-    """Depth in metres with a plane drawn in; None for all else, and where there is ground."""
-    if isinstance(image, ColourAndDepth) or image.dtype.kind != "f":
-        return None
-    return with_ground(image)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Bool, Float, Float32
+from edgetree.runtime.pairs import ColourAndDepth, FrameImage
 
 # The picture is looked at in columns and rows of this number across it.
 _COLUMNS: Final = 100
@@ -52,6 +53,13 @@ class _Lowest(NamedTuple):
     y: Float
     inverse_m: Float
     is_cut: Bool
+
+
+def frame_with_ground(image: FrameImage) -> Float32 | None:
+    """`with_ground` of an image that is depth alone, in metres; None for all others."""
+    if isinstance(image, ColourAndDepth) or image.dtype.kind != "f":
+        return None
+    return with_ground(image)
 
 
 def with_ground(depth_m: Float32) -> Float32 | None:

@@ -158,3 +158,14 @@ def _shows_nothing(statistics: dict[str, float]) -> str | None:
 
 def _is_empty(percent: float) -> bool:
     return percent < _LEAST_SHOWN_PERCENT
+
+
+def check_camera(camera: calib.PinholeCamera, image: FrameImage, name: str) -> None:
+    """Raise InputError if a camera is not of a checked image's size."""
+    images = (image.image, image.depth_m) if isinstance(image, ColourAndDepth) else (image,)
+    height, width = next(each.shape[:2] for each in images if each is not None)
+    if (camera.width, camera.height) != (width, height):
+        raise InputError(
+            f"{name}: the camera is for {camera.width}x{camera.height} px and the image has"
+            f" {width}x{height} px: expected one size"
+        )

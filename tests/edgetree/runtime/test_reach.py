@@ -84,6 +84,18 @@ def test_a_detector_leaves_out_what_its_labels_leave_out() -> None:
     assert len(faked(PAIR, reach_m=None).detect(PAIR_M, camera=CAMERA)) == 2
 
 
+def test_each_image_of_a_batch_has_its_own_camera() -> None:
+    detector = faked(PAIR)
+
+    near, all_found = detector.detect_batch([PAIR_M, PAIR_M], cameras=[CAMERA, None])
+
+    assert (len(near), len(all_found)) == (1, 2)
+    with pytest.raises(InputError, match="1 cameras for 2 images: expected one of each"):
+        detector.detect_batch([PAIR_M, PAIR_M], cameras=[CAMERA])
+    with pytest.raises(InputError, match=r"images\[1\]: the camera is for 320x"):
+        detector.detect_batch([PAIR_M, PAIR_M], cameras=[None, CAMERA.scaled(320, 240)])
+
+
 def test_the_packaged_depth_files_know_their_reach() -> None:
     models = [default_model("depth"), "edge-s-depth"]
 
