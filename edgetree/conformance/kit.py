@@ -30,7 +30,8 @@ from basetree.files.json import read_json, refuse_repeated
 from basetree.files.limits import current_limits
 from basetree.files.names import is_inside
 from basetree.files.writing import replacing, text_file
-from edgetree.conformance.frames import FramePixels, frames_for
+from calib import PinholeCamera
+from edgetree.conformance.frames import FramePixels, KitCamera, frames_for
 from edgetree.conformance.reference import Reference
 from edgetree.conformance.results import (
     MOST_FRAMES,
@@ -67,6 +68,8 @@ class KitFrame:
         channels: 3 for blue, green and red bytes; 1 for 16-bit millimetres, 0 = no reading.
         depth_file: Path of 16-bit millimetres of the same size, beside colour for a model of both;
             None if there are none.
+        camera: Its camera, with which trees beyond the model's reach are left out; None if it is
+            not given.
 
     Raises:
         InputError: A value is out of range, or the path leaves the kit.
@@ -78,6 +81,7 @@ class KitFrame:
     height: _Side
     channels: int
     depth_file: str | None = None
+    camera: KitCamera | None = None
 
     def __post_init__(self) -> None:
         if self.channels not in _PIXELS or self.width * self.height > current_limits().image_pixels:
@@ -103,6 +107,13 @@ class KitFrame:
     def size_bytes(self) -> int:
         """Size of its file."""
         return int(_PIXELS[self.channels].itemsize) * math.prod(self.shape)
+
+    @property
+    def pinhole(self) -> PinholeCamera | None:
+        """Its camera, for the detector."""
+        if self.camera is None:
+            return None
+        return PinholeCamera(self.width, self.height, **dataclasses.asdict(self.camera))
 
     @property
     def depth(self) -> KitFrame | None:
@@ -180,9 +191,11 @@ def make_kit(
     try:
         with writing.replacing_folder(folder) as new:
             (new / _FRAMES).mkdir()
-            for name, pixels in frames_for(manifest.modality):
-                frames.append(_write_frame(new, name, pixels))
-                found.append(reference.detect_with_covered(name, pixels))
+            told = manifest.reach_m is not None and manifest.modality != "rgb"
+            for name, pixels, camera in frames_for(manifest.modality, cameras=told):
+                frame = dataclasses.replace(_write_frame(new, name, pixels), camera=camera)
+                frames.append(frame)
+                found.append(reference.detect_with_covered(name, pixels, frame.pinhole))
             kit = Kit(
                 _MODEL,
                 sha256,
@@ -307,14 +320,16 @@ def run_kit(
         threads=threads,
     )
     found = [
-        FrameTrees(frame.name, found_trees(reference.detect(read_frame(folder, frame))))
+        FrameTrees(
+            frame.name, found_trees(reference.detect(read_frame(folder, frame), frame.pinhole))
+        )
         for frame in kit.frames
     ]
     times_ms = []
     for frame in kit.frames * rounds:
         image = read_frame(folder, frame)
         begin = time.perf_counter()
-        reference.detect(image)
+        reference.detect(image, frame.pinhole)
         times_ms.append((time.perf_counter() - begin) * 1e3)
     median_ms = statistics.median(times_ms) if times_ms else None
     return reference.results(kit.model_sha256, tuple(found), median_ms)

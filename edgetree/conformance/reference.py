@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from basetree.errors import InputError
+from calib import PinholeCamera
 from calib.depth.convention import in_metres
 from edgetree.conformance.frames import FramePixels
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
@@ -69,13 +70,16 @@ class Reference:
         """Description of the model."""
         return self._detector.manifest
 
-    def detect(self, pixels: FramePixels) -> TreeDetections:
+    def detect(self, pixels: FramePixels, camera: PinholeCamera | None = None) -> TreeDetections:
         """The trees in one frame, given as in `edgetree.conformance.kit.read_frame`."""
-        return self._detector.detect(self._image(pixels))
+        return self._detector.detect(self._image(pixels), camera=camera)
 
-    def detect_with_covered(self, name: str, pixels: FramePixels) -> FrameTrees:
+    def detect_with_covered(
+        self, name: str, pixels: FramePixels, camera: PinholeCamera | None = None
+    ) -> FrameTrees:
         """The trees in one frame, and those that were left out since a better one covers them."""
-        kept, every = self.detect(pixels), self._all.detect(self._image(pixels))
+        kept = self.detect(pixels, camera)
+        every = self._all.detect(self._image(pixels), camera=camera)
         covered = []
         for index in range(len(every)):
             one = every.select(slice(index, index + 1))

@@ -83,7 +83,7 @@ def passes(kit: Path) -> dict[str, tuple[dict[str, np.ndarray], Outputs]]:
         patched.setattr("edgetree.runtime.detector.OrtSession", Watched)
         reference = Reference(kit / content.model, score_threshold=content.score_threshold)
     for frame in content.frames:
-        reference.detect(read_frame(kit, frame))
+        reference.detect(read_frame(kit, frame), frame.pinhole)
     return {frame.name: one for frame, one in zip(content.frames, seen, strict=True)}
 
 
@@ -93,7 +93,7 @@ def run_js(kit: Path, outputs: Path, out: Path) -> None:
 
 
 def run_cpp(kit: Path, outputs: Path, out: Path) -> None:
-    parts = ("json", "manifest", "prepare", "resize", "trees")
+    parts = ("json", "manifest", "prepare", "reach", "resize", "trees")
     sources = [HOSTS / "cpp" / f"{name}.cpp" for name in parts]
     program = out / "parts"
     command = [tool("c++", "g++", "clang++"), "-std=c++20", "-O1", "-Wall", "-Wextra", "-Werror"]

@@ -65,6 +65,12 @@ std::string manifest_text(const std::string& path) {
     throw std::runtime_error(path + " has no manifest: expected a model of `edgetree export`");
 }
 
+std::optional<double> reach_of(const Json& manifest) {
+    const bool is_known =
+        manifest.has("reach_m") && manifest.at("reach_m").kind == Json::Kind::number;
+    return is_known ? std::optional(manifest.num("reach_m")) : std::nullopt;
+}
+
 }  // namespace
 
 Manifest read_manifest(const std::string& model) {
@@ -92,6 +98,9 @@ Manifest read_manifest(const std::string& model) {
                                        static_cast<int>(depth.num("near_value")),
                                        static_cast<int>(depth.num("far_value")),
                                        static_cast<int>(depth.num("invalid_value"))};
+    manifest.reach_m = manifest.depth_reach_m = reach_of(json);
+    if (json.has("alone") && json.at("alone").has("depth"))
+        manifest.depth_reach_m = reach_of(json.at("alone").at("depth"));
     for (const Json& output : json.at("outputs").list) {
         manifest.has_keypoints |= output.str("name") == "keypoints";
         manifest.has_masks |= output.str("name") == "masks";

@@ -24,6 +24,8 @@ struct Manifest {
     int width, height;          // of the inputs in pixels
     double mask_overlap;
     std::optional<DepthEncoding> depth;
+    // How far trees were labelled; for depth alone, where a file has a model of its own for that.
+    std::optional<double> reach_m, depth_reach_m;
     bool has_keypoints, has_masks;
 };
 

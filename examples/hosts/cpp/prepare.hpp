@@ -2,16 +2,23 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "manifest.hpp"
 
+// A pinhole camera without distortion, in px; (0, 0) is the middle of the first pixel.
+struct Camera {
+    double fx, fy, cx, cy;
+};
+
 // BGR bytes for an rgb model; 16-bit millimetres, 0 = no reading, for a depth model. For a model of
-// both, one of them may be empty.
+// both, one of them may be empty. With a camera, trees beyond the model's reach can be left out.
 struct Frame {
     int width, height;
     std::vector<std::uint8_t> bgr;
     std::vector<std::uint16_t> depth_mm;
+    std::optional<Camera> camera = std::nullopt;
 };
 
 // Where a frame lies in the model's input: at the top left, resized to this size.

@@ -13,6 +13,7 @@
 #include "manifest.hpp"
 #include "network.hpp"
 #include "prepare.hpp"
+#include "reach.hpp"
 #include "trees.hpp"
 
 namespace {
@@ -34,7 +35,7 @@ std::vector<std::uint16_t> read_millimetres(const std::string& path) {
 // A frame of a kit: colour, depth, or both.
 Frame read_frame(const std::string& kit, const Json& entry) {
     const std::string file = kit + "/" + entry.str("file");
-    Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}};
+    Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}, {}};
     if (entry.num("channels") == 3) {
         const std::string bytes = read_file(file);
         frame.bgr.assign(bytes.begin(), bytes.end());
@@ -43,6 +44,7 @@ Frame read_frame(const std::string& kit, const Json& entry) {
     }
     if (entry.has("depth_file") && entry.at("depth_file").kind == Json::Kind::text)
         frame.depth_mm = read_millimetres(kit + "/" + entry.str("depth_file"));
+    frame.camera = camera_of(entry);
     return frame;
 }
 
@@ -88,7 +90,9 @@ void run(const std::string& folder, const std::string& out_path, int threads, in
     Network network(model, manifest, threads);
     const auto detect = [&](const Frame& frame) {
         auto inputs = preparation.inputs_of(frame);
-        return trees_of(network.run(inputs), manifest, frame, kit.num("score_threshold"));
+        const double threshold = kit.num("score_threshold");
+        auto trees = trees_of(network.run(inputs), manifest, frame, threshold);
+        return within_reach(std::move(trees), manifest, frame, threshold);
     };
 
     std::vector<std::pair<std::string, Frame>> frames;

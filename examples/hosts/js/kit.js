@@ -1,14 +1,14 @@
 // Runs a conformance kit of `edgetree conformance make`, in Node or in a browser.
 
 /** A frame of a kit, as prepare.js takes it; `read(name)` gives the bytes of a file. */
-export async function frameOf({ width, height, channels, file, depth_file }, read) {
+export async function frameOf({ width, height, channels, file, depth_file, camera }, read) {
   const millimetres = (bytes) => new Uint16Array(bytes.slice().buffer); // little-endian
   const bytes = await read(file);
   if (depth_file)
-    return { width, height, colour: bytes, depth: millimetres(await read(depth_file)) };
+    return { width, height, camera, colour: bytes, depth: millimetres(await read(depth_file)) };
   if (channels === 3) return { width, height, data: bytes, colour: bytes };
   const depth = millimetres(bytes);
-  return { width, height, data: depth, depth };
+  return { width, height, camera, data: depth, depth };
 }
 
 const median = (values) => {

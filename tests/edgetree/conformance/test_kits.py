@@ -30,7 +30,7 @@ from edgetree.conformance import (
 from edgetree.conformance.kit import read_expected, read_frame
 from edgetree.conformance.pairing import Pairing
 from edgetree.conformance.results import CoveredTree, FoundTree, FrameTrees
-from edgetree.runtime import detector
+from edgetree.runtime import TreeDetector, detector
 
 Change = Callable[[list[dict[str, Any]]], object]
 
@@ -99,6 +99,21 @@ def test_a_kit_of_colour_and_depth_holds_both_or_either(tmp_path: Path) -> None:
         run_kit(tmp_path / "kit")
 
 
+def test_a_kit_of_depth_shows_trees_beyond_reach(kits: dict[str, Path]) -> None:
+    frames = {frame.name: frame for frame in read_kit(kits["depth"]).frames}
+    beyond = frames["beyond_reach"]
+    assert beyond.pinhole is not None
+    assert (beyond.pinhole.width, beyond.pinhole.cx) == (980, 339.5)
+    assert beyond.pinhole.distortion == ()
+    pixels = read_frame(kits["depth"], beyond)
+    everything = TreeDetector.load(default_model("depth"), score_threshold=0.15).detect(
+        pixels / np.float32(1000)
+    )
+    kept = next(f for f in read_expected(kits["depth"]).frames if f.name == "beyond_reach")
+    assert len(everything) == len(kept.trees) + 1
+    assert [frame.camera for frame in read_kit(kits["rgb"]).frames] == [None] * 11
+
+
 def test_times_are_measured_if_asked_for(kits: dict[str, Path]) -> None:
     found = run_kit(kits["depth"], threads=1, rounds=1)
     assert found.median_ms is not None
@@ -137,6 +152,7 @@ def keep_no_overlapping(
         ("rgb", calib.Letterbox, "to_source", lambda box, xy: np.asarray(xy, np.float64)),
         ("rgb", detector, "distinct_trees", keep_no_overlapping),
         ("depth", detector, "distinct_trees", keep_no_overlapping),
+        ("depth", detector, "within_reach", lambda trees, *_: trees),
     ],
 )
 def test_a_wrong_program_fails(

@@ -9,6 +9,7 @@
 #include "json.hpp"
 #include "manifest.hpp"
 #include "prepare.hpp"
+#include "reach.hpp"
 #include "trees.hpp"
 
 static std::string read_file(const std::string& path) {
@@ -31,7 +32,7 @@ int main(int, char** words) {
     const char* comma = "{";
     for (const Json& entry : kit.at("frames").list) {
         const std::string name = entry.str("name");
-        Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}};
+        Frame frame{static_cast<int>(entry.num("width")), static_cast<int>(entry.num("height")), {}, {}, camera_of(entry)};
         const auto millimetres = [&frame](const std::string& bytes) {
             frame.depth_mm.resize(bytes.size() / 2);
             std::memcpy(frame.depth_mm.data(), bytes.data(), bytes.size());
@@ -57,7 +58,9 @@ int main(int, char** words) {
         outputs.mask_size = static_cast<int>(json.at("masks").at("shape").list[2].number);
         file << comma << '"' << name << "\":[";
         const char* between = "";
-        for (const Tree& tree : trees_of(outputs, manifest, frame, kit.num("score_threshold"))) {
+        const double threshold = kit.num("score_threshold");
+        auto found = trees_of(outputs, manifest, frame, threshold);
+        for (const Tree& tree : within_reach(std::move(found), manifest, frame, threshold)) {
             file << between << "{\"score\":" << tree.score << ",\"box_px\":[" << tree.box[0] << ','
                  << tree.box[1] << ',' << tree.box[2] << ',' << tree.box[3] << "],\"keypoints_px\":[";
             const char* after = "";

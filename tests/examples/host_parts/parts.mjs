@@ -8,6 +8,7 @@ import path from "node:path";
 import { frameOf } from "../../../examples/hosts/js/kit.js";
 import { readManifest } from "../../../examples/hosts/js/manifest.js";
 import { prepare } from "../../../examples/hosts/js/prepare.js";
+import { withinReach } from "../../../examples/hosts/js/reach.js";
 import { treesOf } from "../../../examples/hosts/js/trees.js";
 
 const [folder, outputs, out] = process.argv.slice(2);
@@ -25,6 +26,7 @@ for (const entry of kit.frames) {
   const tensors = {};
   for (const [key, { shape, values }] of Object.entries(json(outputs, `${name}.json`)))
     tensors[key] = { dims: shape, data: Float32Array.from(values) };
-  trees[name] = treesOf(tensors, manifest, box, frame, kit.score_threshold);
+  const found = treesOf(tensors, manifest, box, frame, kit.score_threshold);
+  trees[name] = withinReach(found, manifest, frame, kit.score_threshold);
 }
 writeFileSync(path.join(out, "trees.json"), JSON.stringify(trees));
