@@ -163,20 +163,29 @@ class Assembly:
     ) -> tuple[calib.PinholeCamera | None, DepthReading | None]:
         """The camera of the frame, and its depth in metres and in the pixels of that camera."""
         colour, own = self._view(pair.colour, image), self._view(pair.depth, depth)
-        if colour is not None and own is not None and colour.camera is None:
-            colour = self._with_shared_camera(colour, own)
         leading = colour or own
-        if leading is not None and leading.camera is None:
+        given = None if leading is None else self._given(leading)
+        if colour is not None and own is not None and given is None and colour.camera is None:
+            colour = leading = self._with_shared_camera(colour, own)
+        camera = given or (None if leading is None else leading.camera)
+        if leading is not None and camera is None:
             width, height = leading.size_px
             self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
         reading = None
-        if depth is not None:
-            camera = self._camera_of_range(own, colour)
+        if own is not None and depth is not None:
             name = f"depth of {self._streams.depth}"
-            reading = metres_from_array(depth, self._rig.depth_convention, name, camera)
-            if colour is not None and own is not None and pair.depth is not None:
-                reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp)
-        return None if leading is None else leading.camera, reading
+            of_range = self._camera_of_range(own, colour, camera)
+            reading = metres_from_array(depth, self._rig.depth_convention, name, of_range)
+            if colour is not None and pair.depth is not None:
+                reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp, given)
+        return camera, reading
+
+    def _given(self, view: View) -> calib.PinholeCamera | None:
+        """The camera of the rig for pictures of this size: it takes the place of a recorded one."""
+        try:
+            return self._rig.camera_for(*view.size_px)
+        except calib.CameraError as error:
+            raise calib.CameraError(f"recording {self._path}: {error}") from error
 
     def _beams(
         self, pair: Pair, image: NDArray[Any] | None, cloud: NDArray[Any] | PointCloud | None
@@ -185,9 +194,7 @@ class Assembly:
         if not isinstance(cloud, PointCloud) or pair.depth is None:
             return None
         view = self._view(pair.colour, image)
-        size_px = None if view is None else view.size_px
-        camera = None if size_px is None else self._rig.camera_for(*size_px)
-        camera = camera or (None if view is None else view.camera)
+        camera = None if view is None else self._given(view) or view.camera
         source, topic = _frame(pair.depth), str(self._streams.depth)
         transform = self._rig.cloud_extrinsics
         if transform is None and view is not None:
@@ -197,12 +204,18 @@ class Assembly:
             raise InputError(f"clouds of {topic} in frame {source!r} lack {lacks}")
         return projected(cloud, camera, transform, topic)
 
-    def _camera_of_range(self, own: View | None, colour: View | None) -> calib.PinholeCamera | None:
-        """The camera of a range image: its own, or that of the colour, or that of the rig."""
-        if own is None or self._rig.depth_kind == "depth":
+    def _camera_of_range(
+        self, own: View, colour: View | None, camera: calib.PinholeCamera | None
+    ) -> calib.PinholeCamera | None:
+        """The camera of a range image; None for depth along the optical axis.
+
+        Where the range is alone or in the pixels of the colour, it is the camera of the frame.
+        """
+        if self._rig.depth_kind == "depth":
             return None
-        shared = colour.camera if colour is not None and colour.size_px == own.size_px else None
-        return own.camera or shared or self._rig.camera_for(*own.size_px)
+        if colour is None or self._alignment.is_aligned(own, colour):
+            return camera
+        return own.camera
 
     def _view(self, picture: Picture | None, values: NDArray[Any] | None) -> View | None:
         if picture is None or values is None:

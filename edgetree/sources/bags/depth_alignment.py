@@ -29,7 +29,7 @@ class View:
     Attributes:
         frame: Name of its frame; empty if its driver does not set it.
         size_px: Width and height.
-        camera: Its camera; None if it is not known.
+        camera: Its camera as the recording states it; None if it is not known.
     """
 
     frame: str
@@ -60,8 +60,19 @@ class DepthAlignment:
         self._topic, self._tree, self._counts, self._say = topic, tree, counts, say
         self._is_named_so = is_aligned(topic)
 
+    def is_aligned(self, depth: View, colour: View) -> bool:
+        """Whether depth is in the pixels of the colour already, as the recording says."""
+        is_claimed = depth.frame == colour.frame or self._is_named_so
+        differ = _differ(depth.camera, colour.camera)
+        return is_claimed and not differ and depth.size_px == colour.size_px
+
     def aligned(
-        self, reading: DepthReading, depth: View, colour: View, stamp_ns: int
+        self,
+        reading: DepthReading,
+        depth: View,
+        colour: View,
+        stamp_ns: int,
+        given: calib.PinholeCamera | None = None,
     ) -> DepthReading:
         """The depth in the pixels of the colour image.
 
@@ -70,22 +81,25 @@ class DepthAlignment:
             depth: The view of the depth.
             colour: The view of the colour.
             stamp_ns: Time of the depth, ns.
+            given: The camera of the colour, if it is given; depth is moved into its pixels. Whether
+                depth is aligned is told by the recorded cameras alone.
         """
-        is_claimed = depth.frame == colour.frame or self._is_named_so
-        differ = _differ(depth.camera, colour.camera)
-        if is_claimed and not differ and depth.size_px == colour.size_px:
+        if self.is_aligned(depth, colour):
             if not depth.frame and not self._is_named_so and depth.camera is None:
                 self._say(
                     f"neither a frame nor a CameraInfo says where depth of {self._topic} was taken:"
                     " it counts as aligned with the colour"
                 )
             return reading
+        is_claimed = depth.frame == colour.frame or self._is_named_so
+        differ = _differ(depth.camera, colour.camera)
+        camera = given or colour.camera
         is_elsewhere = depth.frame != colour.frame
         transform = self._tree.lookup(depth.frame, colour.frame, stamp_ns) if is_elsewhere else None
         is_guess = transform is None and is_claimed
         if is_guess:
             transform = calib.RigidTransform.identity()
-        if transform is None or depth.camera is None or colour.camera is None:
+        if transform is None or depth.camera is None or camera is None:
             return self._fault(depth, colour, has_transform=transform is not None)
         if is_guess and differ:
             self._counts[DEPTH_PLACED_BY_GUESS] += 1
@@ -95,7 +109,7 @@ class DepthAlignment:
                 " place, so edges are off by their distance: expected aligned depth, or frames of"
                 " their own with a transform in tf"
             )
-        registered_m = calib.register_depth(reading.depth_m, depth.camera, colour.camera, transform)
+        registered_m = calib.register_depth(reading.depth_m, depth.camera, camera, transform)
         return DepthReading(registered_m, reading.fault)
 
     def _fault(self, depth: View, colour: View, *, has_transform: bool) -> DepthReading:
