@@ -11,3 +11,8 @@ def counted(number: int, noun: str) -> str:
         ('1 tree', '0 frames', '12000 steps')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def kind_of_line(line: str) -> str:
+    """The line without digits: lines that differ in numbers alone are of one kind."""
+    return "".join(character for character in line if not character.isdigit())

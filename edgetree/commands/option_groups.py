@@ -182,7 +182,7 @@ class RigOptions:
             raise InputError(f"{names[1]} given with {names[0]}: expected one of them")
         if self.up is not None:
             return _direction(self.up, self.rotate)
-        return None if self.pitch is None else up_of_pitch(self.pitch)
+        return None if self.pitch is None else up_of_pitch(self.pitch, self.rotate)
 
     def settings(self) -> MeasureSettings | None:
         """The settings of the measurement; None for the defaults.

@@ -97,18 +97,25 @@ def size_references(
     return None if found == SizeReferences() else found
 
 
-def up_of_pitch(pitch_deg: float) -> tuple[float, float, float]:
+def up_of_pitch(pitch_deg: float, rotation_deg: int | None) -> tuple[float, float, float]:
     """The vertical in the frame of a camera that looks down by some degrees.
+
+    Args:
+        pitch_deg: How far it looks down.
+        rotation_deg: By how much its pictures must be turned to be upright; None for not at all.
 
     Raises:
         InputError: It is not between -60 and 60.
     """
     from basetree.errors import InputError
+    from edgetree.frames.turning import turn_of
 
     if not abs(pitch_deg) <= 60:
         raise InputError(f"--pitch is {pitch_deg}: expected degrees from -60 to 60")
     angle = math.radians(pitch_deg)
-    return 0.0, -math.cos(angle), -math.sin(angle)
+    upright = (0.0, -math.cos(angle), -math.sin(angle))
+    x, y, z = turn_of(rotation_deg, None).back.directions(upright).tolist()
+    return x, y, z
 
 
 def _camera_height(text: str, slope: str | None) -> CameraHeight:

@@ -66,11 +66,15 @@ class SizeReferences:
         if self.horizon_px is None:
             return
         x0, y0, x1, y1 = self.horizon_px
-        if not abs(x1 - x0) >= _LEAST_HORIZON_PX:
-            raise InputError(
-                f"the horizon goes through ({x0:g}, {y0:g}) and ({x1:g}, {y1:g}): expected a point"
-                " on its left and one on its right"
-            )
+        if not max(abs(x1 - x0), abs(y1 - y0)) >= _LEAST_HORIZON_PX:
+            raise self._upright_horizon()
+
+    def _upright_horizon(self) -> InputError:
+        x0, y0, x1, y1 = self.horizon_px or (0.0, 0.0, 0.0, 0.0)
+        return InputError(
+            f"the horizon goes through ({x0:g}, {y0:g}) and ({x1:g}, {y1:g}): expected a point"
+            " on its left and one on its right, as seen in the upright picture"
+        )
 
     @property
     def give_distances(self) -> bool:
@@ -102,13 +106,23 @@ class SizeReferences:
         focal_px = ASSUMED_FOCAL_SHARE * max(width, height)
         return _camera(width, height, focal_px, ASSUMED_FOCAL_STD)
 
-    def up_camera(self, camera: PinholeCamera) -> NDArray[np.float64] | None:
-        """(3,) the vertical by the horizon, in the camera's frame; None without a horizon."""
+    def up_camera(self, camera: PinholeCamera, turn: Turn) -> NDArray[np.float64] | None:
+        """(3,) the vertical by the horizon, in the camera's frame; None without a horizon.
+
+        Args:
+            camera: The camera of the picture as it is stored.
+            turn: The turn that makes the picture upright.
+
+        Raises:
+            InputError: The horizon goes up and down in the upright picture.
+        """
         if self.horizon_px is None:
             return None
-        first, last = unit(pixels_to_rays(camera, np.reshape(self.horizon_px, (2, 2))))
-        up = np.cross(last, first)
-        return np.asarray(unit(-up if up[1] > 0 else up), np.float64)
+        rays = turn.directions(pixels_to_rays(camera, np.reshape(self.horizon_px, (2, 2))))
+        if not abs(rays[1, 0] - rays[0, 0]) * camera.fx >= _LEAST_HORIZON_PX:
+            raise self._upright_horizon()
+        up = np.cross(rays[1], rays[0])
+        return turn.back.directions(unit(-up if up[1] > 0 else up))
 
     def ways(self, frame: Frame, turn: Turn) -> list[Way]:
         """The ways to distances in a frame that is turned upright."""

@@ -179,7 +179,7 @@ class Rig:
             return up_camera
         if self.references is None or camera is None:
             return None
-        return self.references.up_camera(camera)
+        return self.references.up_camera(camera, self.turn(frame))
 
     def _known_vertical(self, frame: Frame) -> NDArray[np.float64] | None:
         """(3,) the vertical of a frame: its own, or else the given one.
@@ -210,7 +210,10 @@ class Rig:
         _tell_assumed(*stated.assumed(camera, has_vertical or has_mounting, has_mounting))
 
     def completed(self, frame: Frame, width: int, height: int) -> Frame:
-        """The frame with this camera, vertical and rotation, where its source does not know them.
+        """The frame with camera, vertical and rotation as it is measured.
+
+        A given camera takes the place of the frame's own. A vertical of the frame goes before a
+        given one, as it is of that moment.
 
         Args:
             frame: The frame.
@@ -221,8 +224,8 @@ class Rig:
             CameraError: The camera is for another aspect ratio.
         """
         up_camera = self._known_vertical(frame)
-        camera = frame.camera or self.camera_for(width, height)
-        if frame.camera is None and frame.depth_m is not None:
+        camera = self.camera_for(width, height) or frame.camera
+        if frame.depth_m is not None:
             self.tell_lens()
         rotation_deg = self.rotation_of(frame)
         return replace(frame, camera=camera, up_camera=up_camera, rotation_deg=rotation_deg)

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 from basetree.errors import MissingPackage, install_hint
 from basetree.program.interrupts import interrupt_afterwards
 from basetree.program.supervisor import Supervisor
-from edgetree.live.status import LiveStatus
+from edgetree.live.status import STALE_FRAMES, STALE_S, LiveStatus
 from edgetree.results.service_state import ServiceState, StateChanges, StateName
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_STALE_S: Final = 2.0
-_STALE_FRAMES: Final = 5  # of a slow camera: so many frame times without a result
 _HUNG_S: Final = 30.0  # no model takes as long for one frame
 _TICK_S: Final = 0.25
 _REPEAT_S: Final = 1.0
@@ -123,7 +121,7 @@ class ServiceHealth:
         if status.state == "starting":
             return "starting", ""
         frame_s = 1 / status.rate_hz if status.rate_hz > 0 else 0.0
-        if status.silent_s > max(_STALE_S, _STALE_FRAMES * frame_s):
+        if status.silent_s > max(STALE_S, STALE_FRAMES * frame_s):
             return "stale", "no results come"
         return "running", ""
 

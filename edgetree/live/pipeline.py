@@ -255,7 +255,7 @@ class LivePipeline:
     def _leave_out(self, frame: Frame, reason: str) -> None:
         if self._on_unused is not None:
             self._on_unused(frame, reason)
-        if self._recorder.leave_out(reason) == 1:
+        if self._recorder.leave_out(reason.replace(f"{frame.where}: ", "")) == 1:
             _log.warning("frame %s left out, and more if they are alike: %s", frame.number, reason)
 
     def _measured(self, detected: _Detected) -> LiveResult | None:

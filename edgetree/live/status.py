@@ -9,10 +9,16 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from basetree.counts import counted
+from basetree.counts import counted, kind_of_line
 from edgetree.sources.source import REMARKS
 
+STALE_S: Final = 2.0
+"""Time without a result after which a camera counts as silent, s."""
+STALE_FRAMES: Final = 5
+"""Frame times of a slow camera after which it does."""
 _REMEMBERED: Final = 50  # results for rates and medians
+_MOST_REASONS: Final = 40
+_OTHER_REASONS: Final = "other reasons"
 
 
 @dataclass(frozen=True)
@@ -25,9 +31,10 @@ class LiveStatus:
         results: Number of frames that have a result.
         dropped: Frames that were left out because newer ones had arrived.
         left_out: Frames that could not be used, by reason, with what the source left out itself.
+            Reasons that differ in numbers alone are counted under the first of them.
         remarks: What the source says about frames that were used, such as {"without pose": 60}.
         lost: How many times the source was lost.
-        rate_hz: Results per second, over the last 50; 0 before the second.
+        rate_hz: Results per second, over the last 50 since the last gap; 0 before the second.
         stages_ms: Median time of each stage over the last 50 results, ms.
         age_ms: Median time from a frame's arrival to its result, likewise.
         silent_s: Time since the last result, s.
@@ -73,6 +80,7 @@ class StatusRecorder:
     results: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
     fault: str = ""
+    _reasons: dict[str, str] = field(default_factory=dict)  # the first one of each kind
     _busy_since_s: dict[str, float] = field(default_factory=dict)
     _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _stages: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -84,15 +92,30 @@ class StatusRecorder:
         """Count a result."""
         with self._lock:
             self.results += 1
-            self._times_s.append(time.monotonic())
+            now_s = time.monotonic()
+            if self._is_gap(now_s):
+                self._times_s.clear()
+            self._times_s.append(now_s)
             self._stages.append(stages_ms)
             self._ages_ms.append(age_s * 1000)
 
     def leave_out(self, reason: str) -> int:
-        """Count a frame that could not be used; returns how many the reason has."""
+        """Count a frame that could not be used; returns how many reasons of its kind have."""
+        kind = kind_of_line(reason)
         with self._lock:
+            if kind not in self._reasons and len(self._reasons) >= _MOST_REASONS:
+                kind, reason = "", _OTHER_REASONS
+            reason = self._reasons.setdefault(kind, reason)
             self.left_out[reason] += 1
             return self.left_out[reason]
+
+    def _is_gap(self, now_s: float) -> bool:
+        """Whether no result came for so long that the rate is measured anew."""
+        times = self._times_s
+        if len(times) < 2:
+            return False
+        usual_s = (times[-1] - times[0]) / (len(times) - 1)
+        return now_s - times[-1] > max(STALE_S, STALE_FRAMES * usual_s)
 
     def lose_source(self, why: str) -> None:
         """Count that the source was lost."""

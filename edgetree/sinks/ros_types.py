@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -10,13 +11,19 @@ from numpy.typing import NDArray
 from calib import PinholeCamera, RigidTransform
 
 _NS_PER_S: Final = 1_000_000_000
+_ROS_SECONDS: Final = 2**31
 _DISTORTION: Final = {"fisheye": "equidistant", "radtan": "plumb_bob"}
 
 
 def time_ns(time_s: float) -> int:
-    """A time stamp in whole ns, at least 1: ROS takes 0 as a stamp that is not set."""
-    whole_s = int(time_s)
-    return max(whole_s * _NS_PER_S + round((time_s - whole_s) * _NS_PER_S), 1)
+    """A time stamp in whole ns, at least 1: ROS takes 0 as a stamp that is not set.
+
+    ROS holds whole seconds from 0 to below 2**31. Stamps of clocks that count from 1900 or have
+    negative times are brought there by multiples of 2**31 s, which keeps their differences.
+    """
+    whole_s = math.floor(time_s)
+    stamp_ns = whole_s * _NS_PER_S + round((time_s - whole_s) * _NS_PER_S)
+    return max(stamp_ns % (_ROS_SECONDS * _NS_PER_S), 1)
 
 
 class MakeMessage(Protocol):

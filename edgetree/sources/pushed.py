@@ -89,7 +89,7 @@ class Handover(Generic[_T]):
                     break
             _wait(self._taken)
         if not replaced:
-            self._arrived.put(None)
+            _ring(self._arrived)
         elif self._on_replaced is not None:
             self._on_replaced(replaced[0])
         return True
@@ -99,8 +99,8 @@ class Handover(Generic[_T]):
         with self._lock:
             if not self._is_ended:
                 self._is_ended, self._error = True, error
-        self._arrived.put(None)
-        self._taken.put(None)
+        _ring(self._arrived)
+        _ring(self._taken)
 
     def __iter__(self) -> Iterator[_T]:
         """Take the values until the end.
@@ -113,7 +113,7 @@ class Handover(Generic[_T]):
                 taken, self._values = self._values, []
                 is_ended, error = self._is_ended, self._error
             if taken:
-                self._taken.put(None)
+                _ring(self._taken)
                 yield taken[0]
             elif not is_ended:
                 _wait(self._arrived)
@@ -121,6 +121,12 @@ class Handover(Generic[_T]):
                 raise error
             else:
                 return
+
+
+def _ring(bell: _Bell) -> None:
+    """Wake who waits, or who will wait next; one bell is enough, so that none are heaped up."""
+    if bell.empty():
+        bell.put(None)
 
 
 def _wait(bell: _Bell) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
 
+from basetree.counts import kind_of_line
 from edgetree.live.results import LiveResult
 
 _log = logging.getLogger(__name__)
@@ -188,7 +189,7 @@ class FrameQueue:
 
     def _say(self, line: str) -> None:
         """Log a warning once; lines that differ in numbers alone count as one."""
-        key = "".join(character for character in line if not character.isdigit())
+        key = kind_of_line(line)
         if key not in self._said:
             self._said.add(key)
             _log.warning("%s", line)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.counts import kind_of_line
 from basetree.errors import InputError
 from calib.clouds import PointCloud
 from calib.files.fields import choices_of
@@ -301,7 +302,7 @@ class Assembly:
 
     def _say(self, line: str) -> None:
         """Log a warning once; lines that differ in numbers alone count as one."""
-        key = "".join(character for character in line if not character.isdigit())
+        key = kind_of_line(line)
         if key not in self._said:
             self._said.add(key)
             _log.warning("recording %s: %s", self._path, line)

@@ -54,7 +54,6 @@ def test_measuring_a_frame_tells_the_lens(caplog: pytest.LogCaptureFixture) -> N
     [
         (Rig(PLAIN), frame()),
         (Rig(bent(-0.13)), frame(has_depth=False)),  # nothing is measured
-        (Rig(bent(-0.14)), frame(bent(-0.15))),  # the source knows its own camera
         (Rig(), frame(bent(-0.16))),
         (
             Rig(bent(-0.17), depth_camera=PLAIN),
@@ -67,3 +66,9 @@ def test_nothing_is_told_without_doubt(
 ) -> None:
     rig.completed(given, 64, 48)
     assert TOLD not in caplog.text
+
+
+def test_a_given_camera_takes_the_place_of_the_frames_own() -> None:
+    given = replace(PLAIN, fx=55.0)
+    assert Rig(given).completed(frame(PLAIN), 64, 48).camera == given
+    assert Rig().completed(frame(PLAIN), 64, 48).camera == PLAIN

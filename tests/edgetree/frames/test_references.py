@@ -14,7 +14,7 @@ from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, measure_frame
 from edgetree.frames.references import ScaleBar, SizeReferences
 from edgetree.frames.rig import Rig
-from edgetree.frames.turning import Turn
+from edgetree.frames.turning import Turn, turn_of
 from edgetree.measure import CameraHeight, ScaleMarks
 
 CAMERA = PinholeCamera(640, 480, 500.0, 500.0, 319.5, 239.5)
@@ -45,8 +45,8 @@ BAD = {
     "no bar": ({"scale_bar": "1,2,3,4"}, "--scale-bar is '1,2,3,4': expected two points"),
     "a point as bar": ({"scale_bar": "1,2,1,2,0.5"}, "--scale-bar is"),
     "no horizon": ({"horizon": "300"}, "--horizon is '300': expected two points"),
-    "an upright horizon": (
-        {"horizon": "300,10,300,90"},
+    "a point as horizon": (
+        {"horizon": "300,10,300,10.5"},
         "a point on its left and one on its right",
     ),
 }
@@ -59,14 +59,27 @@ def test_wrong_texts_are_named(case: str) -> None:
         references(**given)
 
 
-def test_a_pitch_and_a_horizon_give_the_same_vertical() -> None:
-    up = np.array(up_of_pitch(10.0))
+@pytest.mark.parametrize("rotation_deg", [0, 90, 180, 270])
+def test_a_pitch_and_a_horizon_give_the_same_vertical(rotation_deg: int) -> None:
+    """Of a camera that is mounted upright, on its side or upside down."""
+    back = turn_of(rotation_deg, None).back
+    camera = back.camera(CAMERA)
+    up = back.directions([0.0, -np.cos(np.radians(10.0)), -np.sin(np.radians(10.0))])
     row = 240.0 - 500.0 * np.tan(np.radians(10.0))
-    by_horizon = SizeReferences(horizon_px=(0.0, row, 640.0, row)).up_camera(CAMERA)
-    assert by_horizon == pytest.approx(up, abs=1e-6)
-    frame = Frame("a", None, PICTURE)
-    rig = Rig(references=SizeReferences(horizon_px=(0.0, row, 640.0, row)))
-    assert rig.vertical_of(frame, CAMERA) == pytest.approx(up, abs=1e-6)
+    ends = back.points([[0.0, row], [640.0, row]], CAMERA.width, CAMERA.height)
+    references = SizeReferences(horizon_px=tuple(ends.ravel().tolist()))
+
+    assert up_of_pitch(10.0, rotation_deg) == pytest.approx(up, abs=1e-9)
+    rig = Rig(references=references, rotation_deg=rotation_deg)
+    frame = Frame("a", None, np.zeros((camera.height, camera.width, 3), np.uint8))
+    assert rig.vertical_of(frame, camera) == pytest.approx(up, abs=1e-6)
+
+
+def test_a_horizon_that_goes_up_and_down_is_refused() -> None:
+    references = SizeReferences(horizon_px=(300.0, 10.0, 300.0, 90.0))
+    with pytest.raises(InputError, match="as seen in the upright picture"):
+        references.up_camera(CAMERA, Turn())
+    assert references.up_camera(CAMERA, Turn(1)) is not None
 
 
 def test_one_vertical_and_one_way_to_distances_are_asked_for() -> None:

@@ -62,6 +62,20 @@ def test_every_frame_has_all_messages_at_its_time(bag) -> None:
         assert time_ns / 1e9 == pytest.approx(1.7e9 + 0.2, abs=1e-6)
 
 
+@pytest.mark.parametrize("from_s", [3.99e9, 6.39e10, -3600.0])
+def test_stamps_beyond_those_of_ros_keep_their_differences(
+    tmp_path, live_result, read, from_s: float
+) -> None:
+    with BagSink(tmp_path / "drive") as sink:
+        for number in (1, 2):
+            sink.write(live_result(number, time_s=from_s + number / 4))
+    stamps = [
+        message.header.stamp for _, message in read(tmp_path / "drive")["/edgetree/detections"]
+    ]
+    first, second = (stamp.sec + stamp.nanosec / 1e9 for stamp in stamps)
+    assert second - first == pytest.approx(0.25, abs=1e-4)
+
+
 def test_picture_camera_and_record_are_those_of_the_frame(bag) -> None:
     image = cv2.imdecode(bag["/edgetree/image/compressed"][0][1].data, cv2.IMREAD_COLOR)
     assert image.shape == (360, 640, 3)

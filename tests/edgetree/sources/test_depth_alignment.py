@@ -12,6 +12,7 @@ import pytest
 
 import calib
 from calib import PinholeCamera, RigidTransform
+from edgetree.frames.rig import Rig
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.source import DEPTH_PLACED_BY_GUESS
 
@@ -160,3 +161,30 @@ def test_cameras_of_one_frame_that_differ_are_not_guessed(
     (named,) = open_recording(bag.path, topics={"camera": "/info_1/camera_info"})
     assert named.camera is not None
     assert named.camera.fx == 70.0
+
+
+def test_a_given_camera_takes_the_place_of_the_recorded_one(bags: Any, write: Write) -> None:
+    """Depth of another place is moved into the pixels of the given camera."""
+    path = write(WIDER, frames=("cam", "depth"), transform=SHIFT)
+    given = replace(COLOUR, fx=50.0)
+
+    (frame,) = open_recording(path, rig=Rig(camera=given))
+
+    assert frame.camera == given
+    expected_m = calib.register_depth(depth_of(bags), WIDER, given, SHIFT)
+    np.testing.assert_allclose(frame.depth_m, expected_m, atol=2e-3)
+
+
+def test_aligned_depth_stays_so_with_a_given_camera(bags: Any, write: Write) -> None:
+    (frame,) = open_recording(write(COLOUR), rig=Rig(camera=replace(COLOUR, fx=50.0)))
+
+    np.testing.assert_array_equal(frame.depth_m, depth_of(bags))
+
+
+def test_a_range_is_taken_along_the_rays_of_the_given_camera(bags: Any, write: Write) -> None:
+    given = replace(COLOUR, fx=50.0, fy=50.0)
+
+    (frame,) = open_recording(write(COLOUR), rig=Rig(camera=given, depth_kind="range"))
+
+    expected_m = calib.range_to_depth(depth_of(bags), given)
+    np.testing.assert_allclose(frame.depth_m, expected_m, rtol=1e-5)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from collections.abc import Iterator
 
 import pytest
@@ -47,6 +48,26 @@ def test_every_value_is_taken_in_order_and_then_the_error() -> None:
     with pytest.raises(ValueError, match="the end"):
         next(numbers)
     assert not handover.put(0)
+
+
+@pytest.mark.parametrize("newest_only", [False, True])
+def test_a_service_that_runs_for_months_needs_no_more_memory(newest_only: bool) -> None:
+    handover: Handover[int] = Handover(newest_only=newest_only)
+    values = iter(handover)
+
+    def pass_on(count: int) -> None:
+        for number in range(count):
+            assert handover.put(number)
+            assert next(values) == number
+
+    pass_on(100)
+    tracemalloc.start()
+    try:
+        pass_on(50_000)
+        grown_bytes, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert grown_bytes < 20_000
 
 
 def test_an_interrupt_at_any_place_leaves_no_lock_locked() -> None:
