@@ -84,6 +84,7 @@ class FrameResult:
         turning: a note if the frame was turned by its vertical, else None.
         turn: The turn that makes the frame upright.
         up_camera: (3,) the vertical in the camera's frame; None if it is not given.
+        settings: Settings of the measurement; None for the defaults.
     """
 
     frame: Frame
@@ -95,6 +96,7 @@ class FrameResult:
     turning: str | None = None
     turn: Turn = field(default_factory=Turn)
     up_camera: NDArray[np.float64] | None = None
+    settings: MeasureSettings | None = None
 
     @cached_property
     def pixel_sizes(self) -> list[PixelSize | Failure]:
@@ -114,6 +116,7 @@ class FrameResult:
             masks=masks,
             up_camera=turn.directions(up) if turn and up is not None else up,
             measurements=measured,
+            settings=self.settings,
         )
 
     @property
@@ -272,7 +275,7 @@ def measure_frame(
         inputs = _Inputs(frame, camera, found, rig, up_camera)
         measurements = inputs.measured(ways, settings)
     scaling, turning = _scaling(rig.camera, camera), _turning(frame, rig)
-    more = (camera, scaling, turning, rig.turn(frame), up_camera)
+    more = (camera, scaling, turning, rig.turn(frame), up_camera, settings)
     return FrameResult(frame, found, measurements, need, *more)
 
 

@@ -256,6 +256,8 @@ class TreeMeasurement:
             (x right, y down, z forward).
         cut_point_machine_m: The same point in machine coordinates.
         axis: Line of the axis in camera coordinates. It is not part of `to_dict`.
+        section_m: Diameter at `axis.point_m`. `diameter_m` is larger where the cut is inferred from
+            it, and of another part where this is a failure. It is not part of `to_dict`.
         evidence: What the measurement is based on.
         rig_std: Part of the standard deviations of `diameter_m`, `dbh_m`, `cut_height_m` and
             `inclination_deg` that comes from the rig. It is the same error in all frames and does
@@ -277,6 +279,7 @@ class TreeMeasurement:
     cut_point_m: PointEstimate | Failure
     cut_point_machine_m: PointEstimate | Failure
     axis: StemAxis | Failure = Failure("the axis is not measured")
+    section_m: Estimate | Failure = Failure("the section is not measured")
     evidence: Evidence = Evidence()
     rig_std: dict[str, float] = field(default_factory=dict)
 

@@ -312,13 +312,13 @@ class FittedFrame:
         """
         stem = self._position(index, cut)
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
-        diameter = self.butt_swell.at_cut(index, at_section)
+        diameter, section = self.butt_swell.at_cut(index, at_section), if_certain(at_section)
         warnings = self.butt_swell.warnings[index]
         is_part = self.observed.above_foot[index] or not self.ground_seen
         if self.butt_swell.inferred[index] and is_part:
             diameter, warnings = taper.seen_part(at_section), (SEEN_PART_WARNING,)
-        if self.feet is not None:
-            warnings += self.feet.warning(index)
+            section = Failure("the diameter is that of another part")
+        warnings += () if self.feet is None else self.feet.warning(index)
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
         above_surface = stem.cut_height(ground)
@@ -326,8 +326,8 @@ class FittedFrame:
         if problem is not None:
             above_surface = problem
         height = stem.height_above_seen_ground(above_surface, ground)
-        bend_rad = math.radians(self.settings.bend_std_deg)
-        species, limit_m = self.settings.species, self.settings.max_stump_height_m
+        bend_rad, species = math.radians(self.settings.bend_std_deg), self.settings.species
+        limit_m = self.settings.max_stump_height_m
         return TreeMeasurement(
             diameter_m=if_certain(diameter),
             dbh_m=taper.dbh_m,
@@ -346,6 +346,7 @@ class FittedFrame:
             cut_point_m=stem.cut_point() if problem is None else problem,
             cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
             axis=stem.axis(bend_rad, problem is None),
+            section_m=section,
             evidence=gather_evidence(
                 index,
                 self.stems,
@@ -363,8 +364,7 @@ class FittedFrame:
         """Why the felling cut is unknown, or None if it is known."""
         if not self.keypoints.offered:
             return Failure("no keypoint tells the felling cut")
-        above_px = float(self.keypoints.doubtful_cut_px[index])
-        if above_px > 0:
+        if (above_px := self.keypoints.doubtful_cut_px.item(index)) > 0:
             std_px = float(self.keypoints.std_px[index, CUT, 1])
             return Failure(
                 "the felling cut may be below the image: the stem reaches the lower edge, and the"
@@ -382,8 +382,7 @@ class FittedFrame:
             cut_rad = self.keypoints.std_px.item(index, CUT, 1) / reach_px
         elif not self.keypoints.offered:
             cut_rad = self.lowest_std_rad.item(index)
-        radius_m = stems.radius_m.item(index)
-        doubt = 1 + AXIS_DOUBT * self.incomplete_std.item(index)
+        radius_m, incomplete_std = stems.radius_m.item(index), self.incomplete_std.item(index)
         return StemPosition(
             directions=to_camera(sections.directions[index]),
             section=to_camera(stems.distance_m[index] * sections.centre[index]),
@@ -393,8 +392,9 @@ class FittedFrame:
             diameter_std_m=self.diameter_std_m.item(index),
             cut_rad=cut_rad,
             shape_std_m=CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
-            roll_std_rad=self.roll_std_rad.item(index) * doubt,
-            tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,
+            roll_std_rad=self.roll_std_rad.item(index) * (1 + AXIS_DOUBT * incomplete_std),
+            tilt_std_rad=stems.tilt_std_rad.item(index) * (1 + AXIS_DOUBT * incomplete_std),
             distance_tilt_m_rad=stems.distance_tilt_m_rad.item(index),
             rig=self.frame.rig,
+            offset_m=self.settings.depth_bias_m,
         )

@@ -121,7 +121,8 @@ def _ends(start: Index, held: Index, grid: MaskCells) -> Float:
         grid: Places of the cells.
     """
     last = held.argmax(1)
-    first = np.take_along_axis(start, last[:, None], 1)[:, 0]
+    # A run that has ended with the last column would begin behind it; it holds nothing.
+    first = np.minimum(np.take_along_axis(start, last[:, None], 1)[:, 0], start.shape[1] - 1)
     half_px = grid.column_px / 2
     edges_px = np.stack([grid.x_px[first] - half_px, grid.x_px[last] + half_px], 1)
     return np.where(held.max(1)[:, None] > 0, edges_px, np.nan)

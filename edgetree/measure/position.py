@@ -48,6 +48,7 @@ class StemPosition:
         tilt_std_rad: Standard deviation of the axis' angle towards or away from the camera.
         distance_tilt_m_rad: Covariance of the axis' distance with its change per metre along it.
         rig: Errors of the rig.
+        offset_m: Standard deviation of an offset of all depths of the rig.
     """
 
     directions: Float
@@ -62,6 +63,7 @@ class StemPosition:
     tilt_std_rad: float
     distance_tilt_m_rad: float
     rig: RigErrors
+    offset_m: float
 
     @property
     def along(self) -> Float:
@@ -171,12 +173,13 @@ class StemPosition:
     ) -> dict[str, float]:
         """Parts of the standard deviations from the rig, see `TreeMeasurement.rig_std`."""
         tilt_rad = vertical.tilt_std_rad if vertical.stems is None else 0.0
+        size_std = math.hypot(self.rig.size_std, self.offset_m / math.hypot(*self.section.tolist()))
         parts = {
-            "diameter_m": self.rig.size_std * 2 * self.radius_m,
+            "diameter_m": size_std * 2 * self.radius_m,
             "inclination_deg": math.degrees(tilt_rad),
         }
         if isinstance(dbh, Estimate):
-            parts["dbh_m"] = self.rig.size_std * dbh.value
+            parts["dbh_m"] = size_std * dbh.value
         if isinstance(height, Estimate):
             own_m = self.rig.std_m(height.value * self.along, vertical.up)
             parts["cut_height_m"] = math.hypot(own_m, self.radius_m * tilt_rad)

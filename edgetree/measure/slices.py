@@ -28,7 +28,9 @@ def with_circles(
     Each circle is a second measurement: the outline comes from a picture, the circle from the
     points around the stem. Both are weighed by their variances; where they are further apart than
     these allow, the deviation grows by Birge's ratio, and from some deviations on there is a
-    warning. Where the cloud is too thin, nothing changes.
+    warning. Errors of the rig are the same in both, and stay as they are. A diameter at the cut
+    that is inferred from a section above follows that section. Where the cloud is too thin, nothing
+    changes.
 
     Args:
         trees: Measured stems.
@@ -49,11 +51,13 @@ def _with_circles(
     near_m = points_m[np.vecdot(aside, aside) < _REACH_M**2]
     evidence, warnings = tree.evidence, tree.evidence.warnings
     diameter, dbh, profile = tree.diameter_m, tree.dbh_m, tree.profile
-    if diameter:
-        circle = _circle(near_m, axis.point_m, axis.direction, diameter)
+    section = tree.section_m
+    if diameter and section:
+        circle = _circle(near_m, axis.point_m, axis.direction, section)
         if circle is not None:
-            warnings += _warning("the section", diameter, circle)
-            diameter = _weighed(diameter, circle)
+            warnings += _warning("the section", section, circle)
+            weighed = _weighed(section, circle, tree.rig_std.get("diameter_m", 0.0))
+            diameter = _following(diameter, section, weighed)
             evidence = replace(
                 evidence,
                 method=f"{evidence.method} + circle",
@@ -65,8 +69,9 @@ def _with_circles(
         circle = _circle(near_m, breast_m, axis.direction, dbh) if dbh else None
         if dbh and circle is not None:
             warnings += _warning("breast height", dbh, circle)
-            dbh = _weighed(dbh, circle)
-        profile = _weighed_profile(profile, near_m, axis.direction)
+            dbh = _weighed(dbh, circle, tree.rig_std.get("dbh_m", 0.0))
+        rig_share = tree.rig_std.get("diameter_m", 0.0) / section.value if section else 0.0
+        profile = _weighed_profile(profile, near_m, axis.direction, rig_share)
     volume = tree.volume_m3
     if settings.species is not None and dbh is not tree.dbh_m:
         volume = volume_by_dbh(settings.species, dbh)
@@ -87,29 +92,51 @@ def _circle(points_m: Float, at_m: Float, along: Float, expected: Estimate) -> E
     return Estimate(float(fit.diameter_m[0]), float(fit.std_m[0]))
 
 
-def _weighed(outline: Estimate, circle: Estimate) -> Estimate:
-    """The mean of two estimates, weighed by their variances, with Birge's ratio."""
-    value, std = _weighed_arrays(*map(np.array, (*outline, *circle)))
+def _weighed(outline: Estimate, circle: Estimate, rig_std_m: float) -> Estimate:
+    """The mean of two estimates of one diameter.
+
+    Args:
+        outline: By the outline, with the rig's errors in its deviation.
+        circle: By the circle, without them.
+        rig_std_m: The rig's part, which both share.
+    """
+    values = (*outline, *circle, rig_std_m)
+    value, std = _weighed_arrays(*(np.array(each) for each in values))
     return Estimate(float(value), float(std))
 
 
 def _weighed_arrays(
-    first: Float, first_std: Float, second: Float, second_std: Float
+    first: Float, first_std: Float, second: Float, second_std: Float, shared_std: Float
 ) -> tuple[Float, Float]:
-    weight = np.array([1 / first_std**2, 1 / second_std**2])
+    """The mean weighed by variances, and its deviation by Birge's ratio.
+
+    `shared_std` is part of `first_std` and stays as it is; the least of the rest is a tenth.
+    """
+    own_std = np.sqrt(np.maximum(first_std**2 - shared_std**2, (0.1 * first_std) ** 2))
+    weight = np.array([1 / own_std**2, 1 / second_std**2])
     total = weight.sum(0)
-    apart = np.abs(first - second) / np.hypot(first_std, second_std)
+    apart = np.abs(first - second) / np.hypot(own_std, second_std)
     value = (weight[0] * first + weight[1] * second) / total
-    return value, np.maximum(apart, 1.0) / np.sqrt(total)
+    return value, np.hypot(np.maximum(apart, 1.0) / np.sqrt(total), shared_std)
 
 
-def _weighed_profile(profile: StemProfile, points_m: Float, along: Float) -> StemProfile:
+def _following(diameter: Estimate, section: Estimate, weighed: Estimate) -> Estimate:
+    """The diameter at the cut when that of its section has become a better one."""
+    growth = diameter.value / section.value
+    inferred_var = max(diameter.std**2 - (growth * section.std) ** 2, 0.0)
+    std = math.sqrt((growth * weighed.std) ** 2 + inferred_var)
+    return Estimate(growth * weighed.value, std)
+
+
+def _weighed_profile(
+    profile: StemProfile, points_m: Float, along: Float, rig_share: float
+) -> StemProfile:
     """A profile whose diameters are weighed with circles where there are some."""
     middles_m = profile.edges_m.mean(1)
     circles = fit_circles(points_m, middles_m, along, profile.diameter_m)
-    value, std = _weighed_arrays(
-        profile.diameter_m, profile.diameter_std_m, circles.diameter_m, circles.std_m
-    )
+    rig_std_m = rig_share * profile.diameter_m
+    given = (profile.diameter_m, profile.diameter_std_m, circles.diameter_m, circles.std_m)
+    value, std = _weighed_arrays(*given, rig_std_m)
     return replace(profile, diameter_m=value, diameter_std_m=std)
 
 

@@ -116,9 +116,8 @@ FOOT_STDS: Final = 3.0
 Source: bound, rarer than 1 in 700 by chance."""
 
 FOOT_DISTANCE_STDS: Final = 2.0
-"""A stem so many standard deviations from where its foot meets the ground has a warning, and all
-stems of a frame have one if their median is. Source: chosen on simulated frames, where fewer than 1
-in 50 stems have one."""
+"""A stem so many standard deviations from where its foot meets the ground has a warning.
+Source: chosen on simulated frames, where fewer than 1 in 50 stems have one."""
 
 LATE_DEPTH_SHARE: Final = 0.02
 """Probability that the depth of a frame is of an earlier moment than its picture, before its feet

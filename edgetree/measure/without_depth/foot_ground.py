@@ -10,6 +10,7 @@ import numpy as np
 from basetree.arrays import Float
 from calib import GroundPlane
 from edgetree.measure.base_ground import BaseGround
+from edgetree.measure.estimates import Estimate
 from edgetree.measure.vertical import Vertical
 
 # Extents of a plane that is not fitted to points: its height is as certain everywhere.
@@ -31,9 +32,24 @@ class FootGround(BaseGround):
 
     @classmethod
     def at(
-        cls, foot_m: Float, normal: Float, vertical: Vertical, foot_std_m: float, size_std: float
+        cls,
+        foot_m: Float,
+        normal: Float,
+        vertical: Vertical,
+        foot_std_m: float,
+        size_std: float,
+        cover: Estimate,
     ) -> FootGround:
-        """The ground through a foot (3,), with its normal (3,) and the deviation of its height."""
+        """The ground at a foot.
+
+        Args:
+            foot_m: (3,) the lowest point that is seen.
+            normal: (3,) normal of the ground.
+            vertical: The vertical at the stem.
+            foot_std_m: Standard deviation of the foot's height.
+            size_std: Relative standard deviation of lengths at the stem.
+            cover: Stated height of what hides the ground.
+        """
         axes = np.linalg.svd(normal[None])[2][1:]
         plane = GroundPlane(
             normal=normal,
@@ -47,7 +63,7 @@ class FootGround(BaseGround):
             axes=axes,
             extents_m=np.full(2, _ENDLESS_M),
         )
-        return cls(plane=plane, vertical=vertical, size_std=size_std)
+        return cls(plane=plane, vertical=vertical, size_std=size_std, stated_cover=cover)
 
     def cut_std_m(self, height_m: float, rise: float, distance_std_m: float, cut_m: float) -> float:
         """As of `BaseGround`; the distance counts by its share of the height alone."""
@@ -57,5 +73,5 @@ class FootGround(BaseGround):
         """As of `BaseGround`."""
         return (
             "through the lowest seen point of the stem, heights along"
-            f" {self.vertical.description()}"
+            f" {self.vertical.description()}{self._cover_description()}"
         )

@@ -158,6 +158,7 @@ class PlacedFrame(FittedFrame):
         feet = self.lowest_axis_m - stems.radius_m[:, None] * stems.sections.view_direction
         pixel_m = stems.distance_m * self.lowest_std_rad
         cut_off = self.keypoints.reaches_lower_side
+        cover = Estimate(self.settings.ground_cover_m, self.settings.ground_cover_std_m)
         found: list[BaseGround | Failure] = []
         for index, foot_m in enumerate(feet):
             if cut_off[index] or not np.isfinite(foot_m).all():
@@ -171,7 +172,7 @@ class PlacedFrame(FittedFrame):
             std_m = math.hypot(pixel_m.item(index), RELIEF_STD_M)
             vertical, size_std = verticals.at(index, None), stems.relative_size_std.item(index)
             normal = placement.normal[index]
-            found.append(FootGround.at(foot_m, normal, vertical, std_m, size_std))
+            found.append(FootGround.at(foot_m, normal, vertical, std_m, size_std, cover))
         return found
 
     def tapers(self, diameters: StemDiameters, grounds: list[BaseGround | Failure]) -> list[Taper]:

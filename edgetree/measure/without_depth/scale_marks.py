@@ -131,7 +131,8 @@ class ScaleMarks:
                 front_m -= radius_m * (1 - math.sqrt(1 - min(abs(aside), 1.0) ** 2))
                 off_m, where = MARK_ON_STEM_STD_M, "on"
             std = math.hypot(share, off_m / max(front_m, 1e-6))
-            if front_m <= 0 or std >= own_std[index]:
+            # A pose that OpenCV cannot find is NaN, which no comparison holds for.
+            if not (front_m > 0 and std < own_std[index]):
                 continue
             distance_m[index] = front_m / sections.front_ratio[index]
             along_m = float(middle_m @ sections.axes.along[index])

@@ -92,6 +92,7 @@ def measured(diameter_m: float, std_m: float) -> TreeMeasurement:
         TreeMeasurement.failed("not measured"),
         diameter_m=Estimate(diameter_m, std_m),
         dbh_m=Estimate(diameter_m, std_m),
+        section_m=Estimate(diameter_m, std_m),
         profile=profile,
         axis=StemAxis(
             point_m=MIDDLE,
@@ -136,3 +137,37 @@ def test_a_thin_cloud_and_a_failed_stem_change_nothing() -> None:
 
     assert thin.to_dict() == tree.to_dict()
     assert still_failed.dbh_m == Failure("no depth on the stem")
+
+
+def test_a_cut_that_is_inferred_keeps_the_doubt_of_its_butt() -> None:
+    """The circle is that of the section above, not of the cut."""
+    swollen = replace(measured(0.26, 0.015), diameter_m=Estimate(0.26 * 1.14, 0.026))
+
+    [tree] = with_circles([swollen], stem_points(np.random.default_rng(3)), MeasureSettings())
+
+    assert isinstance(tree.diameter_m, Estimate)
+    assert tree.diameter_m.value == pytest.approx(1.14 * DIAMETER_M, abs=0.006)
+    assert 0.018 < tree.diameter_m.std < 0.026
+
+
+def test_a_diameter_of_another_part_stays_as_it_is() -> None:
+    seen = replace(measured(0.26, 0.015), section_m=Failure("of another part"))
+
+    [tree] = with_circles([seen], stem_points(np.random.default_rng(3)), MeasureSettings())
+
+    assert tree.diameter_m == seen.diameter_m
+    assert "circle" not in tree.evidence.method
+
+
+def test_errors_of_the_rig_stay_in_what_is_weighed() -> None:
+    """A scale that is wrong is wrong in the cloud as well."""
+    rig_std = {"diameter_m": 0.013, "dbh_m": 0.013}
+    tree = replace(measured(0.26, 0.015), rig_std=rig_std)
+
+    [tree] = with_circles([tree], stem_points(np.random.default_rng(3)), MeasureSettings())
+
+    assert isinstance(tree.profile, StemProfile)
+    for estimate in (tree.diameter_m, tree.dbh_m):
+        assert isinstance(estimate, Estimate)
+        assert 0.013 < estimate.std < 0.015
+    assert (tree.profile.diameter_std_m > 0.013 * 0.99).all()

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from calib import PinholeCamera, project_points
+from edgetree import TreeDetections
+from edgetree.measure import measure_trees
 
 WALL_M = 9.0
 
@@ -141,3 +143,22 @@ def test_a_mask_of_most_of_the_scene_is_measured_at_its_clean_rows(scene, pole, 
     assert tree.diameter_m.value == pytest.approx(diameter_m, rel=0.05)
     low_m, high_m = tree.diameter_m.interval95
     assert low_m < diameter_m < high_m
+
+
+@pytest.mark.parametrize("sides_px", [(-120, -30), (660, 740)])
+def test_a_box_beside_the_picture_has_a_reason(sides_px):
+    """Another project's network may give one."""
+    trees = TreeDetections(
+        np.array([[200, 20, 240, 340], [sides_px[0], 20, sides_px[1], 340]], np.float32),
+        np.array([0.9, 0.5], np.float32),
+        None,
+        np.ones((2, 28, 28), np.float32),
+        640,
+        360,
+        by_network=True,
+    )
+    camera = PinholeCamera(640, 360, 350.0, 350.0, 319.5, 179.5)
+
+    beside = measure_trees(trees, np.full((360, 640), 3.0, np.float32), camera)[1]
+
+    assert "show both edges of the stem" in beside.diameter_m.reason

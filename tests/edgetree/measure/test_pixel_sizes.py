@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from edgetree import InputError
-from edgetree.measure import PixelSize, measure_trees, pixel_sizes
+from edgetree.frames.frame import Frame
+from edgetree.frames.pipeline import FoundTrees, measure_frame
+from edgetree.frames.rig import Rig
+from edgetree.measure import MeasureSettings, PixelSize, measure_trees, pixel_sizes
 
 RISE_DEG = 5.0
 
@@ -74,3 +77,17 @@ def test_a_vertical_and_measurements_that_do_not_fit_are_refused(stand: Any) -> 
         pixel_sizes(stand.detections(), stand.camera, up_camera=(0, 0, 0))
     with pytest.raises(InputError, match="there are 0 measurements: expected 1, one per tree"):
         pixel_sizes(stand.detections(), stand.camera, measurements=[])
+
+
+def test_a_frames_sizes_follow_its_settings(stand: Any) -> None:
+    """Breast height is where the measurement has it."""
+    frame = Frame("a", None, None, stand.depth_m, camera=stand.camera)
+    found, rig = FoundTrees.detected(stand.detections()), Rig(up_camera=tuple(stand.up))
+    settings = MeasureSettings(breast_height_m=2.0)
+
+    high = measure_frame(frame, found, rig, settings).pixel_sizes[0]
+    usual = measure_frame(frame, found, rig).pixel_sizes[0]
+
+    assert (high.width_at, usual.width_at) == ("breast height", "breast height")
+    # 4 % of 30 cm a metre.
+    assert high.width_px.value / usual.width_px.value == pytest.approx(0.9, abs=0.03)

@@ -65,6 +65,13 @@ def test_an_offset_of_the_depth_is_in_distances_and_diameters(stand, sure):
     assert abs(wrong.distance_m.value - sure.distance_m.value) > 3 * sure.distance_m.std
 
 
+def test_an_offset_does_not_average_away(stand, sure):
+    tree = measured(stand, replace(EXACT_RIG, depth_offset_std_m=0.06))
+    for name in ("diameter_m", "dbh_m"):
+        own = added(getattr(tree, name).std, getattr(sure, name).std)
+        assert tree.rig_std[name] == pytest.approx(own, rel=0.1), name
+
+
 def test_what_is_said_of_a_scale_covers_a_scale_that_is_wrong(stand, sure):
     wrong = measured(stand, ROWS["scale"], depth_m=stand.depth_m * np.float32(1.01))
     for name in ("diameter_m", "distance_m", "axis_distance_m", "cut_height_m"):

@@ -257,6 +257,26 @@ def test_of_several_ways_the_surest_counts_for_each_stem(stand: Any, measured: A
     assert tree.evidence.distance_from.startswith("the camera's height")
 
 
+def test_a_mark_whose_pose_cannot_be_found_leaves_the_other_way(
+    stand: Any, measured: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenCV gives NaN for some squares."""
+    mark = ScaleMark(np.array([[600.0, 300], [640, 300], [640, 340], [600, 340]]), 0.2, "marker 7")
+    monkeypatch.setattr(ScaleMark, "place", lambda *_: (np.full(3, np.nan), np.nan))
+    tree = measured(stand, ScaleMarks([mark], "no marker"), EXACT_HEIGHT)
+    assert tree.evidence.distance_from.startswith("the camera's height")
+
+
+def test_heights_count_from_below_a_stated_cover(stand: Any, measured: Any) -> None:
+    bare = measured(stand, EXACT_HEIGHT)
+    settings = MeasureSettings(ground_cover_m=0.3, ground_cover_std_m=0.05)
+    covered = measured(stand, EXACT_HEIGHT, settings=settings)
+    assert covered.cut_height_m.value == pytest.approx(bare.cut_height_m.value + 0.3, abs=0.01)
+    assert covered.cut_height_m.std > 0.05
+    assert covered.profile.height_m[0] == pytest.approx(bare.profile.height_m[0] + 0.3, abs=0.11)
+    assert "below a cover of 0.30 ± 0.05 m" in covered.evidence.ground
+
+
 # From level axes (right, down, ahead) to a fixed frame with z up.
 FIXED = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
