@@ -6,6 +6,7 @@ Format: G. Turk, The PLY Polygon File Format (1994).
 from __future__ import annotations
 
 import io
+import warnings
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -133,10 +134,11 @@ def read_rows(text: bytes, count: int, record: np.dtype[Any]) -> np.ndarray[Any,
     columns = [names.index(name) for name in names if name.lower() in ("x", "y", "z")]
     if len(columns) != 3 or not count:
         return np.zeros(0, record)
+    options: dict[str, Any] = {"comments": None, "usecols": columns, "max_rows": count, "ndmin": 2}
     try:
-        found = np.loadtxt(
-            io.BytesIO(text), np.float64, comments=None, usecols=columns, max_rows=count, ndmin=2
-        )
+        with warnings.catch_warnings():  # of too few rows, which are told below
+            warnings.simplefilter("ignore")
+            found = np.loadtxt(io.BytesIO(text), np.float64, **options)
     except (ValueError, IndexError, OverflowError, UnicodeError) as error:
         raise CloudError(f"a row of its points cannot be read ({error})") from error
     if len(found) < count:

@@ -102,9 +102,13 @@ def _of_values(path: Path, values: Mapping[str, Any]) -> StereoPair:
     if "left" in by_side and "right" in by_side:
         found = {**_beside(path, values), **values}
         left, right = (opencv.build_side(by_side[side]) for side in ("left", "right"))
-        rotation = np.reshape(numbers(found, one_of(found, *_present(found, _ROTATION))), (3, 3))
+        name = one_of(found, *_present(found, _ROTATION))
+        rotation = numbers(found, name)
+        if len(rotation) != 9:
+            hint = ", as cv2.Rodrigues makes of a rotation vector" if len(rotation) == 3 else ""
+            raise CameraError(f"{name} has {len(rotation)} numbers: expected 3x3{hint}")
         place = np.array(numbers(found, one_of(found, *_present(found, _TRANSLATION))))
-        return StereoPair(left, right, _transform(rotation, place))
+        return StereoPair(left, right, _transform(np.reshape(rotation, (3, 3)), place))
     raise InputFileError(
         f"{path}: no known format of a stereo pair, expected {SCHEMA}, a Kalibr camchain of two"
         " cameras, OpenCV's M1, D1, M2, D2 with R and T, or KITTI's calib.txt"
@@ -174,16 +178,15 @@ def _of_projections(matrices: Mapping[str, str], size: re.Match[str] | None) -> 
     pair = next((pair for pair in pairs if all(name in matrices for name in pair)), None)
     if pair is None:
         raise CameraError(f"it has {', '.join(matrices)}: expected P2 and P3, or P0 and P1")
-    left, right = (
-        np.reshape([float(each) for each in matrices[name].split()], (3, 4)) for name in pair
-    )
+    left, right = (np.reshape(numbers(matrices, name), (3, 4)) for name in pair)
     fx, cx, fy, cy = (float(left[i, j]) for i, j in ((0, 0), (0, 2), (1, 1), (1, 2)))
     if not np.allclose(left[:, :3], right[:, :3], rtol=1e-6) or not fx > 0:
         raise CameraError(f"{pair[0]} and {pair[1]} have other lenses: expected a rectified pair")
     across_m = (left[0, 3] - right[0, 3]) / fx
     camera: PinholeCamera = sizeless_camera(fx, fy, cx, cy, (), RADTAN)
     if size is not None:  # which calib.txt of the odometry does not state
-        width, height = (round(float(each)) for each in size.groups())
+        sides = {"S_rect": " ".join(size.groups())}
+        width, height = (round(each) for each in numbers(sides, "S_rect"))
         camera = PinholeCamera(width, height, fx, fy, cx, cy)
     return StereoPair(camera, camera, _transform(np.eye(3), np.array([-across_m, 0.0, 0.0])))
 

@@ -272,9 +272,10 @@ class Rig:
             size_px: Width and height of the image.
 
         Raises:
-            InputError: The file cannot be read, camera or transform lack, or hardly any point is in
-                the picture.
+            InputError: The file cannot be read, camera or transform lack, hardly any point is in
+                the picture, or the rig says something of depth images.
         """
+        self.check_for_clouds(f"cloud {path}")
         camera = self.camera_for(*size_px)
         if camera is None or self.cloud_extrinsics is None:
             lacks = "--camera" if camera is None else "--extrinsic"
@@ -287,6 +288,15 @@ class Rig:
             return BeamReading.of_cloud(cloud, camera, self.cloud_extrinsics)
         except calib.CloudError as error:
             raise calib.CloudError(f"cloud {path}: {error}") from error
+
+    def check_for_clouds(self, name: str) -> None:
+        """Raise InputError if unit, kind or correction of depth images is given for clouds."""
+        if self.depth_convention != calib.DepthConvention():
+            given = "--depth-kind" if self.depth_kind != "depth" else "--depth-scale"
+            raise InputError(
+                f"{given} is given for {name}: expected it for depth images alone, as the points"
+                " of clouds are in metres"
+            )
 
     def _camera_of_depth(self, path: Path, width: int, height: int) -> calib.PinholeCamera | None:
         """The camera of a range image; None if there is none, or the file holds depth."""

@@ -47,11 +47,13 @@ class CloudViews(BaseSource):
             from a free place with many points around.
 
     Raises:
-        InputError: The cloud cannot be read, or only one of camera and transform is given.
+        InputError: The cloud cannot be read, only one of camera and transform is given, or the rig
+            says something of depth images.
     """
 
     def __init__(self, path: Path, rig: Rig) -> None:
         super().__init__(str(path))
+        rig.check_for_clouds(f"cloud {path}")
         if (rig.camera is None) != (rig.cloud_extrinsics is None):
             given, lacks = "--camera", "--extrinsic"
             if rig.camera is None:

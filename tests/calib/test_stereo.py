@@ -166,6 +166,11 @@ BROKEN = {
     "no right": ('{"schema": "calib.stereo/1", "left": {}}', "right is None: expected a map"),
     "a text": ("hello", "no map of values"),
     "one matrix of KITTI": ("P0: " + "1 " * 12, "expected P2 and P3"),
+    "a damaged number": ("P0: 7.1.8 " + "1 " * 11 + "\nP1: " + "1 " * 12, "P0 is '7.1.8'"),
+    "a rotation vector": (
+        opencv(bent_pair())[0] + "R: [0.0, 0.01, 0.0]\nT: [-0.12, 0.0, 0.0]\n",
+        "R has 3 numbers: expected 3x3, as cv2.Rodrigues",
+    ),
     "no place": (opencv(bent_pair())[0], "R or rotation or Rotation is missing"),
     "three cameras": (
         kalibr(bent_pair()) + "\n" + kalibr(bent_pair()).partition("cam1:")[0].replace("m0", "m2"),

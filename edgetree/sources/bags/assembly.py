@@ -54,6 +54,8 @@ class Assembly:
 
     def __init__(self, path: Path, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
         self._path, self._streams, self._rig = path, streams, rig
+        if streams.has_clouds:
+            rig.check_for_clouds(f"point clouds of {streams.depth}")
         self._counts = counts
         self._said: set[str] = set()
         self._tree = TransformTree()
@@ -81,8 +83,8 @@ class Assembly:
             if topic is not None and image is not None
         }
 
-    def add(self, topic: str, message: Any) -> None:
-        """Take a message that is no picture."""
+    def add(self, topic: str, message: Any, log_ns: int = 0) -> None:
+        """Take a message that is no picture; its time of recording is that of a stamp of 0."""
         if topic in self._cameras:
             infos = self._cameras[topic]
             with choices_of(f"recording {self._path}: topic {topic}"):
@@ -90,7 +92,7 @@ class Assembly:
             if infos.error is not None:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
-            self._tree.add(message, is_static=is_static(topic))
+            self._tree.add(message, is_static=is_static(topic), log_ns=log_ns)
             if self._tree.unusable:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.exact:
@@ -99,7 +101,7 @@ class Assembly:
             turn, push = message.angular_velocity, message.linear_acceleration
             self._imu_frame = frame_of(message)
             self._gravity.add(
-                stamp_ns(message) / _NS_PER_S,
+                (stamp_ns(message) or log_ns) / _NS_PER_S,
                 np.array([push.x, push.y, push.z], np.float64),
                 np.array([turn.x, turn.y, turn.z], np.float64),
             )

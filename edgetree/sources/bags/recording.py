@@ -197,7 +197,7 @@ class _Pass:
             if message.topic.name in self._roles:
                 waiting += self._pairs(message, content)
             else:
-                self.assembly.add(message.topic.name, content)
+                self.assembly.add(message.topic.name, content, message.log_ns)
             while waiting and self.assembly.is_ready(waiting[0], message.log_ns):
                 yield waiting.popleft()
         waiting += self._pairing.finish() if self._pairing else []

@@ -90,8 +90,8 @@ class TransformTree:
         self._links: dict[str, _Link] = {}
         self.unusable = 0
 
-    def add(self, message: Any, *, is_static: bool) -> None:
-        """Take a TFMessage."""
+    def add(self, message: Any, *, is_static: bool, log_ns: int = 0) -> None:
+        """Take a TFMessage; `log_ns` takes the place of stamps that are not set."""
         for entry in message.transforms:
             moved, turned = entry.transform.translation, entry.transform.rotation
             place_m = np.array([moved.x, moved.y, moved.z], np.float64)
@@ -105,7 +105,7 @@ class TransformTree:
             link = self._links.get(child)
             if link is None or link.parent != parent or link.is_static != is_static:
                 link = self._links[child] = _Link(parent, is_static)
-            link.add(stamp_ns(entry), place_m, quaternion / length)
+            link.add(stamp_ns(entry) or log_ns, place_m, quaternion / length)
 
     def fixed_frame(self, frame: str) -> str | None:
         """The best fixed frame that a frame is connected to; None if there is none."""

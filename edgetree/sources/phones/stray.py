@@ -143,7 +143,10 @@ def read_odometry(path: Path) -> dict[int, _TimedPose]:
     if not path.exists():
         return {}
     expected = "the odometry of Stray Scanner"
-    rows = list(csv.reader(read_text(path, expected, _LARGEST_TABLE_BYTES).splitlines()))
+    try:
+        rows = list(csv.reader(read_text(path, expected, _LARGEST_TABLE_BYTES).splitlines()))
+    except csv.Error as error:
+        raise InputError(f"{path} cannot be read ({error}): expected {expected}") from error
     rows = [[cell.strip() for cell in row] for row in rows if row]
     names = list(_POSE)
     if rows and not _is_number(rows[0][0]):

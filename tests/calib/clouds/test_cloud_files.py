@@ -176,6 +176,15 @@ def test_what_is_wrong_is_said_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_a_short_text_is_told_by_its_line_alone(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    (tmp_path / "a.ply").write_bytes(PLY_TEXT[:-40])
+    with pytest.raises(InputError, match="ends after 1 of 3 points"):
+        read_cloud(tmp_path / "a.ply")
+    assert not recwarn.list
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"cloud .*a\.ply: no such file, expected a point cloud"):
         read_cloud(tmp_path / "a.ply")

@@ -70,6 +70,19 @@ def test_a_camera_needs_its_place(tmp_path):
         open_source(tmp_path / "scan.npz", rig=Rig(camera=CAMERA))
 
 
+@pytest.mark.parametrize(
+    ("given", "option"),
+    [({"depth_scale_m": 0.5}, "--depth-scale"), ({"depth_kind": "range"}, "--depth-kind")],
+)
+def test_what_is_said_of_depth_images_is_refused(tmp_path, given, option):
+    np.savez(tmp_path / "scan.npz", points=room())
+    with pytest.raises(InputError, match=f"{option} is given for cloud"):
+        open_source(tmp_path / "scan.npz", rig=Rig(**given))
+    placed = Rig(camera=CAMERA, cloud_extrinsics=RigidTransform.identity(), **given)
+    with pytest.raises(InputError, match=f"{option} is given for cloud"):
+        placed.read_beams(tmp_path / "scan.npz", (CAMERA.width, CAMERA.height))
+
+
 def test_an_origin_at_the_edge_is_not_the_scanner():
     place = viewpoint_m(room(origin=(11.0, 11.0, 0.0)))
     assert np.hypot(*(place[:2] - 11.0)) < 8.0

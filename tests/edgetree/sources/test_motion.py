@@ -116,6 +116,26 @@ def test_motion_goes_on_after_the_clock_jumped_back(bags: Any, tmp_path: Path) -
         np.testing.assert_allclose(frame.up_camera, [0, -1, 0], atol=1e-9)
 
 
+@pytest.mark.parametrize("of_pictures", [0, 1])
+def test_motion_without_stamps_has_the_times_of_recording(
+    bags: Any, tmp_path: Path, of_pictures: int
+) -> None:
+    with bags.BagFile(tmp_path) as bag:
+        for tick in range(80):
+            log_ns = bags.START_NS + tick * 50_000_000
+            place = RigidTransform(np.eye(3), (tick, 0, 0))
+            bag.tf("odom", bags.FRAME, place, 0, log_ns=log_ns)
+            bag.imu("/imu", (0, -9.8, 0), 0, bags.FRAME, log_ns=log_ns)
+            if tick % 2:
+                picture = bags.small_frame().image
+                bag.image(bags.COLOUR, picture, of_pictures * log_ns, log_ns=log_ns)
+    frames = list(open_recording(bag.path))
+    for frame in frames[-10:]:
+        assert frame.pose is not None
+        assert frame.pose.translation_m[0] == pytest.approx(2 * frame.number + 1, abs=0.01)
+        np.testing.assert_allclose(frame.up_camera, [0, -1, 0], atol=1e-9)
+
+
 def test_a_camera_that_is_described_late_is_known_from_the_first_frame_on(
     bags: Any, tmp_path: Path
 ) -> None:

@@ -109,6 +109,13 @@ def test_older_odometry_without_a_header_is_read(tmp_path: Path) -> None:
     assert frames[1].time_s == pytest.approx(1 / 30, abs=1e-3)
 
 
+def test_odometry_with_an_open_quote_is_refused_in_one_line(tmp_path: Path) -> None:
+    folder = write_stray(tmp_path / "a", frames=2)
+    (folder / "odometry.csv").write_text('"' + "1" * 140_000)
+    with pytest.raises(InputError, match=r"odometry\.csv cannot be read \(field larger"):
+        open_capture(folder)
+
+
 def test_poses_that_begin_at_the_first_camera_take_the_start(write_r3d: Any) -> None:
     for number, frame in enumerate(open_capture(write_r3d(poses="relative"))):
         np.testing.assert_allclose(frame.up_camera, up(number), atol=1e-4)
