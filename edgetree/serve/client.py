@@ -79,6 +79,7 @@ class Client:
         self._used: dict[int, Slot] = {}
         self._ids = itertools.count()
         self._early: deque[Answer] = deque()  # to frames of `send`, while another was waited for
+        self._given_up: set[int] = set()  # frames of `measure` without an answer in time
 
     def measure(self, frame: Frame) -> dict[str, Any]:
         """Hand a frame over and wait for its result.
@@ -166,16 +167,20 @@ class Client:
 
     def _received(self, wait_s: float, timeout_s: float) -> Answer:
         """The next answer within `wait_s`; an error names `timeout_s`, the whole time waited."""
-        if not self._socket.poll(max(0.0, wait_s) * 1000):
-            raise ServiceError(
-                f"the service at {self._address} does not answer within {timeout_s:.2g} s: expected"
-                " edgetree live --serve there"
-            )
-        answer: Answer = msgspec.json.decode(self._socket.recv_multipart()[-1], type=Answer)
-        id_ = None if isinstance(answer, StatusAnswer) else answer.id
-        if id_ is not None and (slot := self._used.pop(id_, None)) is not None:
-            self._give_back(slot, answer)
-        return answer
+        end_s = time.monotonic() + wait_s
+        while True:
+            if not self._socket.poll(max(0.0, end_s - time.monotonic()) * 1000):
+                raise ServiceError(
+                    f"the service at {self._address} does not answer within {timeout_s:.2g} s:"
+                    " expected edgetree live --serve there"
+                )
+            answer: Answer = msgspec.json.decode(self._socket.recv_multipart()[-1], type=Answer)
+            id_ = None if isinstance(answer, StatusAnswer) else answer.id
+            if id_ is not None and (slot := self._used.pop(id_, None)) is not None:
+                self._give_back(slot, answer)
+            if id_ not in self._given_up:
+                return answer
+            self._given_up.discard(id_)
 
     def watch(self) -> Iterator[dict[str, Any]]:
         """Yield each result of the service from now on, of whatever source, without end.
@@ -234,7 +239,11 @@ class Client:
     def _answer_to(self, id_: int) -> ResultAnswer | UnusedAnswer | ErrorAnswer:
         end_s = time.monotonic() + self._timeout_s
         while True:
-            answer = self._received(end_s - time.monotonic(), self._timeout_s)
+            try:
+                answer = self._received(end_s - time.monotonic(), self._timeout_s)
+            except ServiceError:
+                self._given_up.add(id_)
+                raise
             if not isinstance(answer, StatusAnswer) and answer.id == id_:
                 return answer
             self._keep(answer)

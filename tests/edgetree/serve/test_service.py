@@ -112,6 +112,18 @@ def test_answers_that_come_while_another_is_waited_for_are_kept(
     assert client.receive(1.0).id == sent
 
 
+def test_answers_that_come_too_late_are_passed_over(make_frame: MakeFrame) -> None:
+    with Service("tcp://127.0.0.1:0") as service, Client(service.address, timeout_s=0.2) as client:
+        with pytest.raises(ServiceError, match="does not answer"):
+            client.measure(make_frame())
+        sent = client.send(make_frame(1))
+        wait_until(lambda: bool(service._place._asked))
+        service.close()
+        assert client.receive(PATIENCE_S).id == sent
+        with pytest.raises(ServiceError, match="does not answer"):
+            client.receive(0.2)
+
+
 def test_frames_that_wait_are_answered_when_the_service_ends(make_frame: MakeFrame) -> None:
     with (
         Service("tcp://127.0.0.1:0") as service,

@@ -12,10 +12,12 @@
 #include <unistd.h>
 
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <locale>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -79,7 +81,8 @@ struct Frame {
 
 class Client {
 public:
-    explicit Client(const std::string& address, int timeout_ms = 10000) : address_(address) {
+    explicit Client(const std::string& address, int timeout_ms = 10000)
+        : address_(address), timeout_(timeout_ms) {
         const int linger_ms = 500;
         zmq_setsockopt(socket_, ZMQ_LINGER, &linger_ms, sizeof linger_ms);
         zmq_setsockopt(socket_, ZMQ_RCVTIMEO, &timeout_ms, sizeof timeout_ms);
@@ -114,7 +117,8 @@ public:
 
     // The next answer, of whatever frame.
     std::string receive() {
-        const int size = zmq_recv(socket_, buffer_.data(), buffer_.size(), 0);
+        const int size =
+            waiting([this] { return zmq_recv(socket_, buffer_.data(), buffer_.size(), 0); });
         if (size < 0) fail("does not answer");
         if (size_t(size) > buffer_.size()) fail("sends more than 4 MiB");
         return {buffer_.data(), size_t(size)};
@@ -137,10 +141,27 @@ private:
             if (frame.depth) part(frame.depth->pixels, depth_bytes, false);
         }
         const std::string mine = "\"id\":" + std::to_string(id) + ",";
-        while (true) {  // late answers to earlier frames, and watched results, are passed over
-            std::string answer = receive();
-            if (answer.substr(0, 80).find(mine) != std::string::npos) return answer;
+        try {
+            while (true) {  // late answers to earlier frames, and watched results, are passed over
+                std::string answer = receive();
+                const std::string head = answer.substr(0, 80);
+                const bool is_unread = head.find("serve.error/") != std::string::npos &&
+                                       head.find("\"id\":null") != std::string::npos;
+                if (is_unread || head.find(mine) != std::string::npos) return answer;
+            }
+        } catch (...) {
+            release();  // which the service may still read for this frame
+            throw;
         }
+    }
+
+    // Calls of libzmq end early if the program handles a signal.
+    template <typename Call>
+    int waiting(Call call) const {
+        const auto end = std::chrono::steady_clock::now() + timeout_;
+        int result = call();
+        while (result < 0 && errno == EINTR && std::chrono::steady_clock::now() < end) result = call();
+        return result;
     }
 
     template <typename Image>
@@ -152,6 +173,7 @@ private:
 
     std::string text(const Frame& frame, uint64_t id, size_t depth_offset) const {
         std::ostringstream out;
+        out.imbue(std::locale::classic());  // JSON, whatever the program's locale
         out.precision(std::numeric_limits<double>::max_digits10);
         out << "{\"schema\":\"edgetree.serve.frame/1\",\"id\":" << id;
         out << ",\"time_s\":" << frame.time_s;
@@ -194,11 +216,14 @@ private:
     }
 
     void send(const std::string& text, bool must = true) {
-        if (zmq_send(socket_, text.data(), text.size(), 0) < 0 && must) fail("takes no messages");
+        const auto sent = waiting([&] { return zmq_send(socket_, text.data(), text.size(), 0); });
+        if (sent < 0 && must) fail("takes no messages");
     }
 
     void part(const void* bytes, size_t size, bool more) {
-        if (zmq_send(socket_, bytes, size, more ? ZMQ_SNDMORE : 0) < 0) fail("takes no messages");
+        const int flags = more ? ZMQ_SNDMORE : 0;
+        if (waiting([&] { return zmq_send(socket_, bytes, size, flags); }) < 0)
+            fail("takes no messages");
     }
 
     void reserve(size_t size) {
@@ -232,6 +257,7 @@ private:
     }
 
     std::string address_;
+    std::chrono::milliseconds timeout_;
     void* context_ = zmq_ctx_new();
     void* socket_ = zmq_socket(context_, ZMQ_DEALER);
     std::vector<char> buffer_ = std::vector<char>(4 << 20);
