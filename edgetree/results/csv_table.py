@@ -218,6 +218,8 @@ TRACKS: Final = Table(
         "arc_deg",
         "more_views_help",
         "last_seen_s",
+        "map_part",
+        "absorbed",
         "warnings",
     ),
     _track_rows,

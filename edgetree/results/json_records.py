@@ -142,6 +142,8 @@ def track_record(track: TreeTrack) -> dict[str, Any]:
         "arc_deg": track.arc_deg,
         "more_views_help": track.more_views_help,
         "last_seen_s": track.last_seen_s,
+        "map_part": track.map_part,
+        "absorbed": list(track.absorbed),
         "warnings": list(track.warnings),
     }
 

@@ -147,6 +147,8 @@ Track = defstruct(
         ("arc_deg", float),
         ("more_views_help", bool),
         ("last_seen_s", float),
+        ("map_part", Count),
+        ("absorbed", list[Count]),
         ("warnings", list[str]),
     ],
     kw_only=True,

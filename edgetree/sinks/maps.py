@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import threading
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from basetree.counts import counted
 from basetree.errors import InputError
 from basetree.files.growing import keep_older
 from basetree.files.writing import replacing, write_whole
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
 
+_LOG: Final = logging.getLogger(__name__)
 _SCHEMA: Final = "edgetree.live.map/1"
 _SO_FAR_S: Final = 60.0
 _GEOPACKAGE: Final = ".gpkg"
@@ -37,7 +40,8 @@ def _types() -> dict[str, str]:
         *numbers, failure = interval_keys(quantity)
         types |= dict.fromkeys(numbers, "REAL") | {failure: "TEXT"}
     counts = dict.fromkeys(("frames", "views"), "INTEGER")
-    return {**types, **counts, "arc_deg": "REAL", "last_seen_s": "REAL", "warnings": "TEXT"}
+    ends = {"last_seen_s": "REAL", "map_part": "INTEGER", "warnings": "TEXT"}
+    return {**types, **counts, "arc_deg": "REAL", **ends}
 
 
 _ATTRIBUTES: Final = _types()
@@ -54,6 +58,7 @@ class _MapSink(FileSink["LiveResult"]):
         path = Path(path)
         self._origin = origin
         self._stems: dict[int, TreeTrack] = {}
+        self._parts_with_poses: set[int] = set()
         if keeps_older:
             so_far = path.with_name(f"unfinished_{path.name}")
             self._files.enter_context(self._written_so_far(so_far))
@@ -64,6 +69,7 @@ class _MapSink(FileSink["LiveResult"]):
         with replacing(path) as stream:
             yield
             stream.write(self._content())
+            self._tell_left_out(path)
             if keeps_older:
                 keep_older(path)
 
@@ -90,7 +96,27 @@ class _MapSink(FileSink["LiveResult"]):
     def write(self, result: LiveResult) -> None:
         """Take the stems of one result."""
         confirmed = {track.number: track for track in result.tracks if track.state == "confirmed"}
-        self._stems = self._stems | confirmed  # a new one, as the other may be written just now
+        absorbed = {number for track in confirmed.values() for number in track.absorbed}
+        stems = {**self._stems, **confirmed}
+        # A new one, as the other may be written just now.
+        self._stems = {number: each for number, each in stems.items() if number not in absorbed}
+        if result.frame.pose is not None:
+            self._parts_with_poses.update(track.map_part for track in confirmed.values())
+
+    def _placed(self) -> dict[int, TreeTrack]:
+        """The stems whose place in the file's coordinates is known."""
+        if self._origin is None:
+            return self._stems
+        parts = self._parts_with_poses or {1}
+        return {number: each for number, each in self._stems.items() if each.map_part in parts}
+
+    def _tell_left_out(self, path: Path) -> None:
+        count = len(self._stems) - len(self._placed())
+        if count:
+            _LOG.warning(
+                "map %s: %s of other maps left out, as nothing tells where on the earth they are",
+                *(path, counted(count, "stem")),
+            )
 
     @abstractmethod
     def _content(self) -> bytes:
@@ -102,7 +128,7 @@ class _MapSink(FileSink["LiveResult"]):
         The coordinates are x, y, z in metres, or longitude, latitude in degrees and height in
         metres if there is an origin.
         """
-        return [self._one(self._stems[number]) for number in sorted(self._stems)]
+        return [self._one(track) for _, track in sorted(self._placed().items())]
 
     def _one(self, track: TreeTrack) -> tuple[tuple[float, float, float], dict[str, Any]]:
         record = track_record(track)

@@ -136,6 +136,9 @@ class StemReportSink(FileSink["LiveResult"]):
         """Take the stems of one result."""
         view: _View | None = None
         for track in result.tracks:
+            for number in track.absorbed:
+                self._stems.pop(number, None)
+                self._forgotten.discard(number)
             known = self._stems.get(track.number)
             if known is not None:
                 known.track = track

@@ -98,6 +98,8 @@ def report_tracks(
                 arc_deg=arc_deg,
                 more_views_help=helps[row],
                 last_seen_s=last_seen_s,
+                map_part=stems.map_part,
+                absorbed=stems.absorbed.get(number, ()),
                 warnings=common + _warnings(stems, row) if troubled[row] else common,
             )
         )

@@ -39,6 +39,8 @@ class StemMap:
             contradict its place (all, and in a row), the stem that it was split from (0: none), the
             height at which its line is kept, and when it was last seen.
         reasons: Why quantities could not be measured when the stem was last seen, for each stem.
+        absorbed: Numbers of confirmed stems that turned out to be another one, by its number.
+        map_part: Number of the map, from 1 on.
     """
 
     def __init__(self, settings: TrackingSettings) -> None:
@@ -46,6 +48,8 @@ class StemMap:
         self._next_number = 1
         self.rows = np.zeros(0, _STEM)
         self.reasons: list[dict[str, Failure]] = []
+        self.absorbed: dict[int, tuple[int, ...]] = {}
+        self.map_part = 1
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -56,7 +60,8 @@ class StemMap:
         return np.asarray(self.rows["frames"] >= self._settings.confirm_frames)
 
     def clear(self) -> None:
-        """Forget all stems. Numbers go on."""
+        """Forget all stems, and begin another map. Numbers go on."""
+        self.map_part += 1
         self._keep(np.zeros(len(self), np.bool_))
 
     def forget(self, time_s: float) -> None:
@@ -70,6 +75,8 @@ class StemMap:
 
     def _keep(self, kept: Bool) -> None:
         self.rows = self.rows[kept]
+        numbers = set(self.rows["number"].tolist())
+        self.absorbed = {key: each for key, each in self.absorbed.items() if key in numbers}
         self.reasons = [
             reason for reason, keep in zip(self.reasons, kept.tolist(), strict=True) if keep
         ]
@@ -182,7 +189,10 @@ class StemMap:
             if kept[list(pair)].all():
                 weak, strong = sorted(pair, key=lambda row: int(rows["frames"][row]))
                 if rows["frames"][weak] >= self._settings.confirm_frames:
-                    rows["number"][strong] = min(rows["number"][weak], rows["number"][strong])
+                    first_number, last_number = sorted(rows["number"][list(pair)].tolist())
+                    both = (self.absorbed.pop(key, ()) for key in (first_number, last_number))
+                    self.absorbed[first_number] = (*sum(both, ()), last_number)
+                    rows["number"][strong] = first_number
                 if rows["tree"][strong] < 0:
                     rows["tree"][strong] = rows["tree"][weak]
                     rows["missed"][strong], rows["last_seen_s"][strong] = (

@@ -52,9 +52,6 @@ class StemTracker:
         settings: Assumptions about errors, motion and time; the defaults if None.
         odometry: Finds the motion between frames without poses from their depth images; None to do
             without.
-
-    Attributes:
-        map_part: Number of the map, from 1 on. Positions in different maps have nothing in common.
     """
 
     def __init__(
@@ -70,7 +67,11 @@ class StemTracker:
         self._mapped = False
         self._remark = ""
         self._standing, self._lying, self._has_told = 0, 0, False
-        self.map_part = 1
+
+    @property
+    def map_part(self) -> int:
+        """Number of the map, from 1 on. Positions in different maps have nothing in common."""
+        return self._stems.map_part
 
     @property
     def motion(self) -> CameraMotion:
@@ -157,7 +158,6 @@ class StemTracker:
 
     def _begin_map(self, why: str) -> None:
         """Begin a new map at the camera's place."""
-        self.map_part += 1
         self._remark = f"the map begins anew at {self._time_s:.2f} s: {why}"
         _LOG.warning("%s", self._remark)
         self._mapped = False

@@ -29,6 +29,8 @@ class TreeTrack:
         arc_deg: Angle around the stem between the outermost views.
         more_views_help: Whether another view would make the diameter's interval clearly narrower.
         last_seen_s: Time stamp of the last frame that shows it, s.
+        map_part: Number of the map, from 1 on; places in different maps have nothing in common.
+        absorbed: Numbers of confirmed stems that turned out to be this one.
         warnings: Contradictions between the views, and where the map or the stem began anew.
     """
 
@@ -46,4 +48,6 @@ class TreeTrack:
     arc_deg: float
     more_views_help: bool
     last_seen_s: float
+    map_part: int = 1
+    absorbed: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()

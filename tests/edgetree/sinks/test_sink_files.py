@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from basetree.errors import InputError
+from calib import RigidTransform
 from edgetree.measure import Failure, PointEstimate
 from edgetree.results import LIVE_SCHEMA
 from edgetree.sinks import (
@@ -146,6 +147,31 @@ def test_the_map_keeps_the_last_state_of_confirmed_stems(tmp_path, live_result) 
     assert [one["properties"]["last_seen_s"] for one in features] == [0.9, 0.0, 0.0]
     assert features[0]["geometry"] == {"type": "Point", "coordinates": [-0.5, 3.0, 0.1]}
     assert features[0]["properties"]["y_std_m"] == 0.05
+
+
+def test_a_stem_that_another_one_absorbed_is_not_in_the_map(tmp_path, live_result) -> None:
+    path = tmp_path / "map.geojson"
+    results = (live_result(0, stems=3), live_result(1, stems=1, absorbed=(3,)))
+    collection = json.loads(written(path, GeoJsonSink(path), *results).read_text("utf-8"))
+    assert [feature["id"] for feature in collection["features"]] == [1, 2]
+
+
+@pytest.mark.parametrize(("has_poses", "expected"), [(False, [2, 3]), (True, [1])])
+def test_stems_of_other_maps_are_not_placed_on_the_earth(
+    tmp_path, live_result, caplog, has_poses, expected
+) -> None:
+    """The origin is that of the poses, or without any of the first map."""
+    path = tmp_path / "map.geojson"
+    pose = RigidTransform.identity() if has_poses else None
+    results = (live_result(0, stems=3), live_result(1, stems=1, map_part=2, pose=pose))
+    features = json.loads(
+        written(path, GeoJsonSink(path, MapOrigin(64.0, 20.0)), *results).read_text("utf-8")
+    )["features"]
+    assert [feature["id"] for feature in features] == expected
+    assert f"{3 - len(expected)} stem" in caplog.text
+
+    local = json.loads(written(path, GeoJsonSink(path), *results).read_text("utf-8"))["features"]
+    assert [one["properties"]["map_part"] for one in local] == [2, 1, 1]
 
 
 def test_a_map_with_an_origin_is_in_degrees(tmp_path, live_result) -> None:

@@ -64,6 +64,11 @@ def test_stems_that_were_never_confirmed_have_no_entry(tmp_path, live_result) ->
     assert [number for _, number, _ in entries(written(tmp_path / "a.html", *results))] == [1, 2]
 
 
+def test_a_stem_that_another_one_absorbed_has_no_entry(tmp_path, live_result) -> None:
+    results = (live_result(0, 4), live_result(1, 2, absorbed=(3,)))
+    assert [number for _, number, _ in entries(written(tmp_path / "a.html", *results))] == [1, 2]
+
+
 def test_the_newest_pictures_are_kept_and_older_stems_counted(
     tmp_path, live_result, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def circle(rate_hz, duration_s, swing_deg, **options):
         time_s = index / rate_hz
         angle = 0.15 * time_s
         heading_deg = math.degrees(angle) + 90 + swing_deg * math.sin(2 * math.pi * time_s / 8)
+        heading_deg = (heading_deg + 180) % 360 - 180
         yield time_s, (6 * math.cos(angle), 6 * math.sin(angle)), heading_deg, options
 
 
@@ -52,6 +53,24 @@ def test_stems_keep_their_numbers(rng, options, rate_hz, swing_deg):
     given = [number for each in numbers.values() for number in each]
     assert len(given) == len(set(given))
     assert tracker.map_part == 1
+
+
+def test_a_number_that_another_stem_absorbs_is_told_and_not_seen_again():
+    """Of two confirmed stems that turn out to be one, a map must forget the higher number."""
+    forest, tracker = stand(np.random.default_rng(5), shares=(0.3, 0.3, 0.4)), StemTracker()
+    kept, gone = {}, set()
+    for time_s, place, heading_deg, options in circle(3, 45, 25, pose=False):
+        tracks = tracker.update(*forest.observe(time_s, place, heading_deg, **options))
+        confirmed = {track.number: track for track in tracks if track.state == "confirmed"}
+        assert not gone & confirmed.keys()
+        absorbed = {number for track in confirmed.values() for number in track.absorbed}
+        assert absorbed <= kept.keys() | gone
+        gone |= absorbed
+        kept = {number: each for number, each in (kept | confirmed).items() if number not in gone}
+    assert gone
+    places = np.array([track.position_m.xyz_m[:2] for track in kept.values()])
+    gaps_m = np.linalg.norm(places[:, None] - places, axis=-1)
+    assert gaps_m[~np.eye(len(gaps_m), dtype=bool)].min() > 0.8
 
 
 def test_camera_is_found_by_the_stems_alone(rng):
