@@ -42,7 +42,9 @@ class RecordingMessages(RosTypes):
         time_s = frame.stamp_s
         header = self.header(time_s, _CAMERA_FRAME)
         camera, up_camera = frame.camera, frame.up_camera
-        more = (frame.depth_noise, frame.rotation_deg)
+        given = {"colour": frame.image, "depth": frame.depth_m}
+        images = [name for name, each in given.items() if each is not None]
+        more = (frame.depth_noise, frame.rotation_deg, images)
         exact = exact_record(time_ns(time_s), camera, up_camera, *more)
         yield self.text(EXACT_TOPIC, exact)
         if camera is not None:

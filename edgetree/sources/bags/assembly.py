@@ -112,6 +112,10 @@ class Assembly:
         """Take note of a picture in the order of recording, whether or not it will be used."""
         self._decoders[role].arrived(message)
 
+    def is_alone(self, picture: Picture) -> bool:
+        """Whether the recording says that a picture is the only one of its frame."""
+        return self._exact.is_alone(picture.stamp)
+
     def _add_exact(self, text: str) -> None:
         try:
             self._exact.add(text)

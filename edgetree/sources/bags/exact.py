@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any, Final, NamedTuple
 
@@ -34,6 +35,7 @@ def exact_record(
     up_camera: NDArray[np.float64] | None,
     depth_noise: DepthNoise | None = None,
     rotation_deg: int | None = None,
+    images: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What standard messages do not carry of a frame, as a JSON object.
 
@@ -43,6 +45,7 @@ def exact_record(
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
         depth_noise: What the source knows of the errors of the depth; None if it does not.
         rotation_deg: Degrees by which the picture must be turned clockwise; None if not given.
+        images: Its images, of "colour" and "depth".
     """
     return {
         "schema": _SCHEMA,
@@ -51,6 +54,7 @@ def exact_record(
         "up_camera": None if up_camera is None else up_camera.tolist(),
         "depth_noise": None if depth_noise is None else asdict(depth_noise),
         "rotation_deg": rotation_deg,
+        "images": list(images),
     }
 
 
@@ -59,6 +63,7 @@ class _Exact(NamedTuple):
     up_camera: NDArray[np.float64] | None
     depth_noise: DepthNoise | None
     rotation_deg: int | None
+    images: tuple[str, ...]
 
 
 class ExactValues:
@@ -82,6 +87,9 @@ class ExactValues:
             noise = _noise(values.get("depth_noise"))
             rotation_deg = values.get("rotation_deg")
             check_rotation(rotation_deg, "its rotation_deg")
+            images = tuple(values.get("images", ()))
+            if not set(images) <= {"colour", "depth"}:
+                raise ValueError(f"its images are {images}, expected colour and depth")
             stamp = values["stamp_ns"]
             if not isinstance(stamp, int):
                 raise ValueError(f"its stamp_ns is {stamp!r}, expected a whole number")
@@ -97,9 +105,14 @@ class ExactValues:
             raise InputError(
                 f"a message of {EXACT_TOPIC} cannot be used ({error}): expected {_SCHEMA}"
             ) from error
-        self._waiting[stamp] = _Exact(camera, up_camera, noise, rotation_deg)
+        self._waiting[stamp] = _Exact(camera, up_camera, noise, rotation_deg, images)
         if len(self._waiting) > _MAX_WAITING:
             self._waiting.popitem(last=False)
+
+    def is_alone(self, stamp_ns: int) -> bool:
+        """Whether the frame of a time stamp is known to have one image alone."""
+        exact = self._waiting.get(stamp_ns)
+        return exact is not None and len(exact.images) == 1
 
     def applied(self, frame: Frame, stamp_ns: int) -> Frame:
         """A frame with its exact values, if they have come.

@@ -227,7 +227,7 @@ class _Pass:
         leading = "colour" if self._streams.colour else "depth"
         if state == "jump" and role == leading:
             self._counts["clock jumped back"] += 1
-        if self._pairing is not None:
+        if self._pairing is not None and not self.assembly.is_alone(picture):
             return self._pairing.add(role, picture, is_jump=state == "jump")
         return [Pair(picture, None) if role == "colour" else Pair(None, picture)]
 

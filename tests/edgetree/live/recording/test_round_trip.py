@@ -88,6 +88,23 @@ def test_frames_come_back_byte_by_byte(kind, record, recordings, read, result) -
         assert frame.camera == expected.camera
 
 
+def test_frames_whose_depth_or_colour_is_missing_come_back_in_their_place(
+    record, recordings, read, result
+) -> None:
+    """As when one of two cameras fails for a while."""
+    both, kinds = FRAMES["millimetres"], ["both", "both", "colour", "colour", "depth", "both"]
+    lacks = {"both": {}, "colour": {"depth_m": None}, "depth": {"image": None}}
+    recorder = record(waits=True)
+    for number, kind in enumerate(kinds):
+        recorder.write(result(number, **(both | lacks[kind])))
+    recorder.mark()
+    recorder.close()
+    found = [(f.number, f.image is None, f.depth_m is None) for f in read(recordings()[0])]
+    assert found == [
+        (number, kind == "depth", kind == "colour") for number, kind in enumerate(kinds)
+    ]
+
+
 @pytest.mark.parametrize("has_pose", [False, True])
 def test_a_swaying_vertical_and_the_pose_come_back(
     has_pose: bool, record, recordings, read, result

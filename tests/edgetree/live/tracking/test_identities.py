@@ -31,7 +31,6 @@ def circle(rate_hz, duration_s, swing_deg, **options):
         time_s = index / rate_hz
         angle = 0.15 * time_s
         heading_deg = math.degrees(angle) + 90 + swing_deg * math.sin(2 * math.pi * time_s / 8)
-        heading_deg = (heading_deg + 180) % 360 - 180
         yield time_s, (6 * math.cos(angle), 6 * math.sin(angle)), heading_deg, options
 
 
@@ -60,6 +59,7 @@ def test_a_number_that_another_stem_absorbs_is_told_and_not_seen_again():
     forest, tracker = stand(np.random.default_rng(5), shares=(0.3, 0.3, 0.4)), StemTracker()
     kept, gone = {}, set()
     for time_s, place, heading_deg, options in circle(3, 45, 25, pose=False):
+        heading_deg = (heading_deg + 180) % 360 - 180
         tracks = tracker.update(*forest.observe(time_s, place, heading_deg, **options))
         confirmed = {track.number: track for track in tracks if track.state == "confirmed"}
         assert not gone & confirmed.keys()
