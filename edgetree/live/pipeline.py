@@ -275,7 +275,8 @@ class LivePipeline:
         if measured.measurements is not None and (words := self._depth_kind.words(frame)):
             _log.warning("%s", words)
         middle_s = time.perf_counter()
-        if measured.measurements is not None:
+        if measured.measurements is not None and self.in_picture is not None:
+            self._tracker.number_from(self.in_picture.count + 1)
             self.in_picture = None
         elif self.in_picture is not None:
             measured = numbered_stems(measured, self.in_picture)

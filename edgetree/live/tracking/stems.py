@@ -64,6 +64,10 @@ class StemMap:
         self.map_part += 1
         self._keep(np.zeros(len(self), np.bool_))
 
+    def number_from(self, first: int) -> None:
+        """Give new stems numbers from here on, at least."""
+        self._next_number = max(self._next_number, first)
+
     def forget(self, time_s: float) -> None:
         """Forget the stems that were not seen for too long."""
         away_s = time_s - self.rows["last_seen_s"]

@@ -83,6 +83,10 @@ class StemTracker:
         """Transform from the camera's frame to the map."""
         return self._camera.camera_pose
 
+    def number_from(self, first: int) -> None:
+        """Give new stems numbers from here on, at least, as lower ones are of other stems."""
+        self._stems.number_from(first)
+
     def update(
         self, frame: Frame, trees: TreeDetections, measurements: list[TreeMeasurement]
     ) -> list[TreeTrack]:

@@ -304,6 +304,18 @@ def test_metres_need_depth_and_a_camera(detector: TreeDetector, what: str) -> No
     assert len(result.trees) == 1
 
 
+def test_stems_with_metres_take_no_number_of_one_followed_in_the_picture(
+    detector: TreeDetector,
+) -> None:
+    """The depth camera starts later."""
+    frames = [colour(number, **({"depth_m": None} if number < 5 else {})) for number in range(10)]
+    results = list(LivePipeline(opening(Source(frames)), detector))
+    in_picture = {number for result in results[:5] for number in result.found.tracks or ()}
+    with_metres = {track.number for result in results[5:] for track in result.tracks}
+    assert in_picture == {None, 1}
+    assert with_metres == {2}
+
+
 def test_depth_in_millimetres_is_a_reason_not_metres(detector: TreeDetector) -> None:
     depth = np.tile(np.linspace(3900, 4100, 640, dtype=np.float32), (360, 1))
     (result,) = LivePipeline(opening(Source([colour(0, depth_m=depth)])), detector)
