@@ -9,7 +9,7 @@ import typer
 
 from basetree.program.console import print_found
 from basetree.program.options import expand_groups
-from edgetree.commands.live_options import LiveMetresOptions, LiveSourceOptions
+from edgetree.commands.live_options import LiveRigOptions, LiveSourceOptions
 from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Json, Model
 
@@ -29,7 +29,7 @@ def check_rig(
         float, typer.Option(metavar="S", help="How much of the source is read, seconds.")
     ] = 60.0,
     model: Model = "depth",
-    metres: LiveMetresOptions,
+    cameras: LiveRigOptions,
     source_options: LiveSourceOptions,
     session: SessionOptions,
     as_json: Json = False,
@@ -53,7 +53,7 @@ def check_rig(
             f"{source_options.right_given} given: expected a camera with depth of its own, as the"
             " depth of a stereo pair comes from its colour"
         )
-    rig = metres.as_rig_options().rig(metres.camera, None)
+    rig = cameras.as_rig_options().rig(cameras.camera, None)
     detector, _ = session.open_model(model)
     with warnings_shown():
         report = checked(source_options.open(source, rig, False), detector, rig, seconds)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
@@ -220,8 +220,8 @@ def right_topic(texts: list[str] | None) -> str | None:
 
 
 @dataclass(frozen=True)
-class LiveMetresOptions:
-    """The options about measuring and following."""
+class LiveRigOptions:
+    """The options about the cameras."""
 
     panel = CAMERA
 
@@ -232,12 +232,30 @@ class LiveMetresOptions:
     depth_kind: DepthKind = "depth"
     rotate: Rotate = None
     rig_errors: RigErrors = None
+    pitch: Pitch = None
+
+    def as_rig_options(self) -> RigOptions:
+        """The same options as other commands have them."""
+        return RigOptions(
+            up=self.up,
+            mounting=self.mounting,
+            depth_scale=self.depth_scale,
+            depth_kind=self.depth_kind,
+            rotate=self.rotate,
+            rig_errors=self.rig_errors,
+            pitch=self.pitch,
+        )
+
+
+@dataclass(frozen=True)
+class LiveMetresOptions(LiveRigOptions):
+    """The options about cameras and metres."""
+
     stump_height: StumpHeight = None
     ground_cover: GroundCover = None
     species: SpeciesName = None
     camera_height: CameraHeightText = None
     ground_slope: GroundSlope = None
-    pitch: Pitch = None
     marker: MarkerText = None
     odometry: _Odometry = False
 
@@ -253,19 +271,13 @@ class LiveMetresOptions:
 
     def as_rig_options(self) -> RigOptions:
         """The same options as other commands have them."""
-        return RigOptions(
-            up=self.up,
-            mounting=self.mounting,
-            depth_scale=self.depth_scale,
-            depth_kind=self.depth_kind,
-            rotate=self.rotate,
-            rig_errors=self.rig_errors,
+        return replace(
+            super().as_rig_options(),
             stump_height=self.stump_height,
             ground_cover=self.ground_cover,
             species=self.species,
             camera_height=self.camera_height,
             ground_slope=self.ground_slope,
-            pitch=self.pitch,
             marker=self.marker,
         )
 
