@@ -319,10 +319,14 @@ class LivePageOptions:
         self.check_service(source)
 
     def check_service(self, source: str) -> None:
-        """Raise InputError if the address of the service cannot be used, or is missing."""
+        """Raise InputError for a wrong or missing address of the service, or options of no page."""
         from basetree.errors import InputError
         from edgetree.serve.router import endpoint
 
+        names = ("host", "port", "token")
+        given = [name for name in names if getattr(self, name) != getattr(type(self), name)]
+        if given and not self.page:
+            raise InputError(f"--{given[0]} given without --page: expected both")
         if self.serve is not None:
             endpoint(self.serve)
         elif source == CLIENTS:

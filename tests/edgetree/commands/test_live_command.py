@@ -166,6 +166,8 @@ MISTAKES = {
     "record": (("--record", "images/a.jpg"), "a.jpg, which is a file of source"),
     "record all": (("--record-all",), "--record-all given without --record: expected both"),
     "port": (("--page", "--port", "70000"), "--port of the page is 70000"),
+    "port alone": (("--port", "8421"), "--port given without --page: expected both"),
+    "token alone": (("--token", "abc"), "--token given without --page: expected both"),
 }
 
 
