@@ -35,6 +35,7 @@ class RowChange:
         ratio: `new_ms` divided by `old_ms`.
         noise: Share by which the times of both results vary without a cause.
         lost_ap: Lost points of each average precision that fell by more than `LEAST_AP`.
+        not_compared: Why the accuracy was not compared; empty if it was, or neither has one.
     """
 
     row: str
@@ -43,6 +44,7 @@ class RowChange:
     ratio: float
     noise: float
     lost_ap: Mapping[str, float]
+    not_compared: str = ""
 
     @property
     def slower(self) -> bool:
@@ -114,10 +116,9 @@ def compare_results(old: StoredResult, new: StoredResult) -> ResultChange:
         new: The later one.
 
     Raises:
-        InputError: The results have no row in common.
+        InputError: The results have no row in common, or one has a row twice.
     """
-    before = {row.key: row for row in old.rows}
-    now = {row.key: row for row in new.rows}
+    before, now = _by_key(old, "OLD"), _by_key(new, "NEW")
     common = [key for key in now if key in before]
     if not common:
         raise InputError(
@@ -133,11 +134,23 @@ def compare_results(old: StoredResult, new: StoredResult) -> ResultChange:
     )
 
 
+def _by_key(result: StoredResult, name: str) -> dict[str, StoredRow]:
+    rows = {row.key: row for row in result.rows}
+    for key in rows:
+        count = sum(row.key == key for row in result.rows)
+        if count > 1:
+            raise InputError(
+                f"{name} has {count} rows of {key}: expected one, as of files with different names"
+            )
+    return rows
+
+
 def _change(key: str, old: StoredRow, new: StoredRow) -> RowChange:
     old_ms, new_ms = _round_times(old), _round_times(new)
     was, now = median(old_ms), median(new_ms)
     noise = max(LEAST_SHARE, noise_of(old_ms) + noise_of(new_ms))
-    return RowChange(key, round(was, 3), round(now, 3), now / was, noise, _lost(old, new))
+    accuracy = _lost(old, new), _not_compared(old, new)
+    return RowChange(key, round(was, 3), round(now, 3), now / was, noise, *accuracy)
 
 
 def _round_times(row: StoredRow) -> list[float]:
@@ -146,7 +159,7 @@ def _round_times(row: StoredRow) -> list[float]:
 
 def _lost(old: StoredRow, new: StoredRow) -> dict[str, float]:
     """Points of average precision that were lost, where both were measured on the same frames."""
-    if old.accuracy is None or new.accuracy is None or old.accuracy.frames != new.accuracy.frames:
+    if old.accuracy is None or new.accuracy is None or _not_compared(old, new):
         return {}
     found: dict[str, float] = {}
     for name in _AVERAGE_PRECISIONS:
@@ -156,8 +169,18 @@ def _lost(old: StoredRow, new: StoredRow) -> dict[str, float]:
     return found
 
 
+def _not_compared(old: StoredRow, new: StoredRow) -> str:
+    if old.accuracy is None and new.accuracy is None:
+        return ""
+    measured = (old.accuracy, new.accuracy)
+    was, now = ("not known" if each is None else f"of {each.frames}" for each in measured)
+    return "" if was == now else f"{was}, then {now}"
+
+
 def _verdict(row: RowChange) -> str:
     lost = "".join(f", {name} -{fall:.1f}" for name, fall in row.lost_ap.items())
+    if row.not_compared:
+        lost += f"; accuracy not compared: {row.not_compared}"
     noise = f"noise {100 * row.noise:.1f} %"
     if row.slower:
         return f"SLOWER ({noise}){lost}"

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from basetree.counts import counted
-from edgetree.bench.cells import number_text, share_text
+from edgetree.bench.cells import machine_words, number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
 from edgetree.bench.winner import verdict
 from edgetree.results.csv_cells import text_cell
@@ -143,7 +143,7 @@ def notes(result: Record) -> Iterator[str]:
     if told := verdict(result, [row_label(row) for row in result["rows"]]):
         yield told
     yield (
-        f"{environment['processor']}, {environment['usable_cores']} cores, onnxruntime"
+        f"{machine_words(environment['processor'], environment['usable_cores'])}, onnxruntime"
         f" {environment['onnxruntime']}, {environment['date']}. Median of {method['rounds']} rounds"
         f" of {method['duration_s']:g} s in turn, each in its own process, on"
         f" {method['frames']}."

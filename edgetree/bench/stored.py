@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from basetree.counts import counted
 from basetree.files.json import read_json
+from edgetree.bench.cells import machine_words
 from edgetree.bench.result import SCHEMA
 
 _Count = Annotated[int, Meta(ge=1, le=2**31)]
@@ -72,11 +73,11 @@ class StoredRow:
 class StoredMachine:
     """The machine that measured."""
 
-    processor: str
+    processor: str | None
     usable_cores: _Count
 
     def __str__(self) -> str:
-        return f"{self.processor}, {self.usable_cores} cores"
+        return machine_words(self.processor, self.usable_cores)
 
 
 @dataclass(frozen=True)

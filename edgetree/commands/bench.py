@@ -88,6 +88,11 @@ def _chosen(names: list[str], networks: NetworkOptions, provider: str) -> list[_
     for name in names or ([] if listed else MODALITIES):
         path = find_model(name)
         chosen.append((path.stem, path, None))
+    stems = [stem for stem, *_ in chosen]
+    chosen = [
+        (stem if stems.count(stem) == 1 else f"{path.parent.name}/{stem}", path, network)
+        for stem, path, network in chosen
+    ]
     return chosen if listed is None else chosen + _network_files(listed)
 
 
@@ -181,13 +186,16 @@ def _result(
     environment = _environment()
     if busy := busy_words(environment["busy_cores"], environment["cores"]):
         complain(f"{busy}: times will be too long, and no variant will be called the fastest")
+    known: dict[Path, Any] = {}
+    if data is not None:  # first, so that data which do not suit a model cost no measurement
+        note(f"evaluating on {data}")
+        known = {path: accuracy_of(path, data, _SPLIT) for path in {v.path: 0 for v in variants}}
     with Progress("measuring", count_runs(variants, settings), "run") as step:
         measured = measure_variants(variants, settings, note, lambda: step.update(1))
-    known: dict[Path, Any] = {}
     for variant, row in zip(variants, measured["rows"], strict=True):
         if variant.path not in known:
-            trained = row["trained"] or data is not None
-            known[variant.path] = accuracy_of(variant.path, data, _SPLIT) if trained else None
+            trained = row["trained"]
+            known[variant.path] = accuracy_of(variant.path, None, _SPLIT) if trained else None
         row["accuracy"] = known[variant.path]
     where = "the packaged samples" if settings.source is None else str(settings.source)
     method = {

@@ -51,7 +51,7 @@ def _of_card(path: Path) -> dict[str, Any] | None:
     error_m = test.metres.quantities.diameter_m.median_abs
     return {
         "source": "the model's card",
-        "frames": f"{counted(test.frames, 'frame')} of the preset test, {card.date}",
+        "frames": f"{counted(test.frames, 'frame')} of the preset test",
         **{
             name: getattr(test.average_precision, kind)
             for name, kind in _AVERAGE_PRECISIONS.items()

@@ -224,6 +224,13 @@ class RigOptions:
             "--depth-scale": existing_file(self.depth_scale),
         }
 
+    def names_in_files(self, camera: Path | None) -> dict[str, str | None]:
+        """What is taken of the files that hold several cameras, by option."""
+        return {
+            option: None if file is None else _file_and_name(file)[1]
+            for option, file in {"--camera": camera, "--depth-camera": self.depth_camera}.items()
+        }
+
     def words(self, depth: Path | None, camera: Path | None) -> str:
         """These options, --depth and --camera as they would be typed on the command line."""
         given = {"depth": depth, "camera": camera, **asdict(self)}

@@ -36,7 +36,8 @@ Pitch: TypeAlias = Annotated[
     float | None,
     typer.Option(
         metavar="DEG",
-        help="In place of --up: how far a camera that stands upright looks down, in degrees.",
+        help="In place of --up: how far the camera looks down, in degrees, if it is not tilted to a"
+        " side; of one that is mounted on its side or upside down with --rotate.",
         rich_help_panel=_WITHOUT_DEPTH,
     ),
 ]

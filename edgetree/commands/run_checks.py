@@ -59,6 +59,11 @@ def check_options(
             )
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
+    if shards.are_given and inputs.strict_frames:
+        raise InputError(
+            "--strict-frames given with --shards: expected one of them, as shards leave out frames"
+            " that cannot be read, and say so"
+        )
     one = sources.one
     is_in_order = one is not None and (is_video(one) or is_stream(one))
     if outputs.out and is_video_name(outputs.out) and not is_in_order:

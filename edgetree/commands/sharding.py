@@ -129,7 +129,8 @@ class ShardedFrames:
         }
         if files["--depth-scale"] is None:
             values["depth_scale"] = self.rig_options.depth_scale
-        return {"files": files, **values, "score_threshold": self.score_threshold}
+        names = self.rig_options.names_in_files(self.camera)
+        return {"files": files, "names": names, **values, "score_threshold": self.score_threshold}
 
 
 def run_sharded(

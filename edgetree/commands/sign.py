@@ -67,10 +67,18 @@ def sign(
     if new_key is not None:
         if model is not None or key is not None:
             raise InputError("--new-key given with MODEL or --key: expected only one of them")
+        of_signature = {"--version": version, "--name": name, "--valid-until": valid_until}
+        given = [option for option, value in of_signature.items() if value is not None]
+        if given:
+            raise InputError(
+                f"{given[0]} given with --new-key: expected it with MODEL, as it is of a signature"
+            )
         _make_key(new_key, encrypt)
         return
     if model is None or key is None:
         raise InputError("MODEL or --key is missing: expected both, or --new-key FILE")
+    if encrypt:
+        raise InputError("--encrypt given without --new-key: expected it when a key is made")
     _sign(model, key, version, name, valid_until)
 
 

@@ -37,6 +37,7 @@ def advise(findings: Findings) -> tuple[Advice, ...]:
     """All advice for these findings, the most severe first."""
     found = [
         *_libraries(findings.libraries),
+        *(Advice("broken", fault) for fault in findings.model_faults),
         *_providers(findings),
         *_precision(findings.machine),
         *_cores(findings),

@@ -28,7 +28,7 @@ def examine() -> Findings:
     runs = any(provider.works for provider in providers) and "cv2" not in libraries.import_errors
     openvino = any(provider.works and provider.name == OPENVINO for provider in providers)
     speed = probe_speed(openvino=openvino) if runs else None
-    return Findings(machine, libraries, providers, speed, video, examine_models())
+    return Findings(machine, libraries, providers, speed, video, *examine_models())
 
 
 def probe_speed(duration_s: float = _PROBE_S, *, openvino: bool = False) -> Speed:
@@ -57,27 +57,35 @@ def probe_speed(duration_s: float = _PROBE_S, *, openvino: bool = False) -> Spee
     return Speed(threads, one, every, fps(threads, OPENVINO) if openvino else None)
 
 
-def examine_models() -> tuple[ModelFile, ...]:
-    """The models of `edgetree.catalogue.known_models`, with their hashes and signed versions.
+def examine_models() -> tuple[tuple[ModelFile, ...], tuple[str, ...]]:
+    """The models of `edgetree.catalogue.known_models`, and why others cannot be read.
 
-    Signatures are not checked.
-
-    Raises:
-        InputError: a folder in EDGETREE_MODELS does not exist.
-        OSError: a file cannot be read.
+    They have their hashes and signed versions; signatures are not checked.
     """
+    from basetree.errors import InputError
     from basetree.files.reading import file_sha256
     from edgetree.catalogue import known_models
     from edgetree.errors import SignatureError
     from edgetree.signing.json_files import read_small_text
     from edgetree.signing.verify import parse_signature, signature_file
 
-    found = []
-    for model in known_models():
+    found, faults = [], []
+    try:
+        known = known_models()
+    except InputError as error:  # a folder in EDGETREE_MODELS does not exist
+        return (), (str(error),)
+    for model in known:
         try:
             signature = read_small_text(signature_file(model.path), "a signature")
             version = parse_signature(signature.encode()).version
         except SignatureError:
             version = None
-        found.append(ModelFile(model.name, str(model.path), file_sha256(model.path), version))
-    return tuple(found)
+        try:
+            sha256 = file_sha256(model.path)
+        except OSError as error:
+            faults.append(
+                f"model {model.path} cannot be read ({error.strerror}): repair or remove it"
+            )
+        else:
+            found.append(ModelFile(model.name, str(model.path), sha256, version))
+    return tuple(found), tuple(faults)

@@ -112,6 +112,7 @@ class Findings:
         speed: None if the model did not run.
         video: Whether OpenCV has each of `VIDEO_BACKENDS`; empty if OpenCV cannot be imported.
         models: The models that are found by name.
+        model_faults: Why others cannot be read.
     """
 
     machine: Machine
@@ -120,10 +121,16 @@ class Findings:
     speed: Speed | None
     video: Mapping[str, bool] = field(default_factory=dict)
     models: tuple[ModelFile, ...] = ()
+    model_faults: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The findings as a JSON object, with numbers rounded to two digits."""
-        return {name: _rounded(value) for name, value in asdict(self).items()}
+        """The findings as a JSON object, with numbers rounded to two digits.
+
+        Faults of models are left to the advice, which names them.
+        """
+        found = {name: _rounded(value) for name, value in asdict(self).items()}
+        del found["model_faults"]
+        return found
 
 
 def _rounded(value: Any) -> Any:

@@ -38,7 +38,7 @@ def examine_machine(root: Path = Path("/")) -> Machine:
     return Machine(
         system=f"{platform.system()} {platform.machine()}",
         architecture=platform.machine().lower(),
-        processor=name[1].strip() if name else platform.processor() or None,
+        processor=(name[1].strip() if name else platform.processor()) or _board(root),
         instructions=instruction_sets(cpuinfo),
         cores=os.cpu_count() or 1,
         usable_cores=usable_cores(),
@@ -48,6 +48,11 @@ def examine_machine(root: Path = Path("/")) -> Machine:
         free_memory_mib=free,
         has_nvidia_gpu=bool(driver),
     )
+
+
+def _board(root: Path) -> str | None:
+    """The name of a board whose processor has none, as of ARM; None if not known."""
+    return (_read(root / "proc/device-tree/model") or "").strip("\0 \n") or None
 
 
 def instruction_sets(cpuinfo: str) -> tuple[str, ...] | None:

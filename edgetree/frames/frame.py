@@ -62,6 +62,8 @@ class Frame:
         cloud_m: (N, 3) points of a cloud in the camera's frame, which may show stems from all
             sides; None if the depth is all that is known.
         exif_focal_px: Focal length in px that the picture's EXIF states; None if it states none.
+        depth_is_moved: Whether the depth was moved into the pixels of the image from another
+            camera's, lens and all.
         rotation_deg: Degrees by which the picture must be turned clockwise to be upright, as a
             recording says it; None if the vertical tells.
     """
@@ -81,6 +83,7 @@ class Frame:
     exif_focal_px: float | None = None
     rotation_deg: int | None = None
     cloud_m: NDArray[np.float64] | None = None
+    depth_is_moved: bool = False
 
     def __post_init__(self) -> None:
         if self.time_s is not None and not abs(self.time_s) <= _LARGEST_TIME_S:

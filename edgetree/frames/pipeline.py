@@ -270,7 +270,7 @@ def measure_frame(
     measurements = None
     if need is None and camera is not None:
         if frame.depth_m is not None:
-            rig.tell_lens()
+            rig.tell_lens(frame)
             rig.tell_depth()
         inputs = _Inputs(frame, camera, found, rig, up_camera)
         measurements = inputs.measured(ways, settings)

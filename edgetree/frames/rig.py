@@ -153,12 +153,15 @@ class Rig:
                 "depth, by which they are measured", "--camera-height, --marker or --scale-bar"
             )
 
-    def tell_lens(self) -> None:
+    def tell_lens(self, frame: Frame) -> None:
         """Warn, once for a camera, if its lens bends the pixels in which the depth is given.
 
-        Depth of another camera is moved into these pixels, and needs no warning.
+        Depth of another camera or of beams is moved into these pixels, and needs no warning.
         """
-        if self.camera is not None and self.camera.distortion and self.depth_camera is None:
+        is_moved = frame.depth_is_moved or frame.filled_depth_m is not None
+        if frame.depth_m is None or is_moved or self.depth_camera is not None:
+            return
+        if self.camera is not None and self.camera.distortion:
             _warn_of_lens(self.camera)
 
     def known_uncertainty(self) -> RigUncertainty:
@@ -179,7 +182,10 @@ class Rig:
             return up_camera
         if self.references is None or camera is None:
             return None
-        return self.references.up_camera(camera, self.turn(frame))
+        try:
+            return self.references.up_camera(camera, self.turn(frame))
+        except InputError as error:
+            raise InputError(f"{frame.where}: {error}") from error
 
     def _known_vertical(self, frame: Frame) -> NDArray[np.float64] | None:
         """(3,) the vertical of a frame: its own, or else the given one.
@@ -225,8 +231,7 @@ class Rig:
         """
         up_camera = self._known_vertical(frame)
         camera = self.camera_for(width, height) or frame.camera
-        if frame.depth_m is not None:
-            self.tell_lens()
+        self.tell_lens(frame)
         rotation_deg = self.rotation_of(frame)
         return replace(frame, camera=camera, up_camera=up_camera, rotation_deg=rotation_deg)
 

@@ -120,8 +120,7 @@ class ServiceHealth:
             return "camera lost", status.fault
         if status.state == "starting":
             return "starting", ""
-        frame_s = 1 / status.rate_hz if status.rate_hz > 0 else 0.0
-        if status.silent_s > max(STALE_S, STALE_FRAMES * frame_s):
+        if status.silent_s > max(STALE_S, STALE_FRAMES * status.slow_frame_s):
             return "stale", "no results come"
         return "running", ""
 

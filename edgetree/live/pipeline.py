@@ -70,7 +70,8 @@ class LivePipeline:
     Args:
         open_source: Opens the source; called again if the source was lost.
         detector: The model.
-        rig: The camera, the vertical and the mounting, for sources that do not know them.
+        rig: The camera, the vertical and the mounting. Its camera takes the place of the source's
+            own; its vertical is for frames without one.
         settings: Settings of the measurement; the defaults if None.
         tracker: Follows the stems; a new one if None.
         reopen_s: Time between two attempts to open a source that was lost, s.
@@ -293,7 +294,7 @@ class LivePipeline:
         return replace(result, stages_ms=stages_ms, age_s=age_s, dropped=self._frames.dropped)
 
     def _completed(self, frame: Frame, found: FoundTrees) -> Frame:
-        """The frame with what its source does not know: camera, vertical, faults of the depth."""
+        """The frame with the camera and vertical of the rig, and faults of the depth."""
         trees = found.trees
         frame = self._rig.completed(frame, trees.image_width, trees.image_height)
         if frame.depth_m is None or frame.camera is None or frame.depth_fault is not None:

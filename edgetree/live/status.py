@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import threading
 import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final, Literal
 
 from basetree.counts import counted, kind_of_line
@@ -17,6 +19,7 @@ STALE_S: Final = 2.0
 STALE_FRAMES: Final = 5
 """Frame times of a slow camera after which it does."""
 _REMEMBERED: Final = 50  # results for rates and medians
+_SLOW_SHARE: Final = 0.9
 _MOST_REASONS: Final = 40
 _OTHER_REASONS: Final = "other reasons"
 
@@ -34,12 +37,14 @@ class LiveStatus:
             Reasons that differ in numbers alone are counted under the first of them.
         remarks: What the source says about frames that were used, such as {"without pose": 60}.
         lost: How many times the source was lost.
-        rate_hz: Results per second, over the last 50 since the last gap; 0 before the second.
+        rate_hz: Results per second, over the last 50 without gaps; 0 before the second.
         stages_ms: Median time of each stage over the last 50 results, ms.
         age_ms: Median time from a frame's arrival to its result, likewise.
         silent_s: Time since the last result, s.
         busy_s: How long a stage, or the caller, has worked on the frame that it has, s.
         fault: Why the source is lost; empty if it is not.
+        slow_frame_s: Time between two results that nine of ten of the last 50 do not exceed, s; 0
+            before the second.
     """
 
     state: Literal["starting", "running", "lost", "ended"]
@@ -54,6 +59,7 @@ class LiveStatus:
     remarks: dict[str, int] = field(default_factory=dict)
     busy_s: float = 0.0
     fault: str = ""
+    slow_frame_s: float = 0.0
 
     def line(self) -> str:
         """The state as one line of text."""
@@ -92,10 +98,7 @@ class StatusRecorder:
         """Count a result."""
         with self._lock:
             self.results += 1
-            now_s = time.monotonic()
-            if self._is_gap(now_s):
-                self._times_s.clear()
-            self._times_s.append(now_s)
+            self._times_s.append(time.monotonic())
             self._stages.append(stages_ms)
             self._ages_ms.append(age_s * 1000)
 
@@ -108,14 +111,6 @@ class StatusRecorder:
             reason = self._reasons.setdefault(kind, reason)
             self.left_out[reason] += 1
             return self.left_out[reason]
-
-    def _is_gap(self, now_s: float) -> bool:
-        """Whether no result came for so long that the rate is measured anew."""
-        times = self._times_s
-        if len(times) < 2:
-            return False
-        usual_s = (times[-1] - times[0]) / (len(times) - 1)
-        return now_s - times[-1] > max(STALE_S, STALE_FRAMES * usual_s)
 
     def lose_source(self, why: str) -> None:
         """Count that the source was lost."""
@@ -142,7 +137,11 @@ class StatusRecorder:
         """
         with self._lock:
             times, now = list(self._times_s), time.monotonic()
-            taken_s = times[-1] - times[0] if len(times) > 1 else 0.0
+            steps_s = sorted(after - before for before, after in pairwise(times))
+            slow_s = steps_s[math.ceil(_SLOW_SHARE * len(steps_s)) - 1] if steps_s else 0.0
+            # Of a gap, the rate says nothing.
+            usual_s = [step for step in steps_s if step <= max(STALE_S, STALE_FRAMES * slow_s)]
+            taken_s = sum(usual_s)
             names = dict.fromkeys(name for stages in self._stages for name in stages)
             stages_ms = {
                 name: statistics.median(row[name] for row in self._stages if name in row)
@@ -155,7 +154,8 @@ class StatusRecorder:
                 left_out=self.left_out
                 | {name: count for name, count in of_source.items() if name not in REMARKS},
                 lost=self.lost,
-                rate_hz=(len(times) - 1) / taken_s if taken_s > 0 else 0.0,
+                rate_hz=len(usual_s) / taken_s if taken_s > 0 else 0.0,
+                slow_frame_s=slow_s,
                 stages_ms=stages_ms,
                 age_ms=statistics.median(self._ages_ms) if self._ages_ms else 0.0,
                 silent_s=now - (times[-1] if times else self._began_s),

@@ -59,7 +59,6 @@ class _MeasuredTest(_Test):
 class MeasuredCard(Struct):
     """What `edgetree bench` takes from a card."""
 
-    date: str
     test: _MeasuredTest
 
 

@@ -102,6 +102,7 @@ class Change(TypedDict):
     ratio: float
     noise: float
     lost_ap: dict[str, float]
+    not_compared: str
     slower: bool
     faster: bool
 

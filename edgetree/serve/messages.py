@@ -149,7 +149,7 @@ class FrameMessage(
         time_s: Time stamp of the picture in any clock, s.
         colour: The colour image; None if there is only depth.
         depth: The depth image; None if there is only colour.
-        camera: Intrinsics; None if the service's own camera holds.
+        camera: Intrinsics; None if they are not known. A camera given to the service goes first.
         up_camera: Direction away from gravity in the camera's frame, of any length, as an
             accelerometer at rest reads it; None if it is not known.
         pose: Where the camera is; None if it is not known.

@@ -26,11 +26,15 @@ _RECORDINGS: Final = (*VIDEO_SUFFIXES, *BAG_SUFFIXES)
 
 
 class _Entry(NamedTuple):
-    """A file of a source: name of the frame, the file, and its depth file if there is one."""
+    """A file of a source: name of the frame, the file, and its depth file if there is one.
+
+    `bytes_` are the sizes of the two, None for one that is not there.
+    """
 
     name: str
     file: str
     depth: str | None
+    bytes_: tuple[int | None, int | None]
 
 
 class FramesOfUnit(NamedTuple):
@@ -61,7 +65,7 @@ class FrameFiles:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the names of all files."""
+        """SHA-256 of the names and sizes of all files."""
         return hashlib.sha256(json.dumps(self.entries).encode("utf-8", "replace")).hexdigest()
 
     @contextmanager
@@ -124,12 +128,13 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
         StoreError: a place cannot be read.
     """
     if source.suffix.lower() in _RECORDINGS and source.is_file():
-        entry = _Entry(source.stem, source.name, None)
+        entry = _Entry(source.stem, source.name, None, (source.stat().st_size, None))
         return FrameFiles(LocalStore(source.parent), None, (entry,), are_recordings=True)
     store = open_store(source)
+    sizes = store.sizes("")
     files = sorted(
         name
-        for name in store.sizes("")
+        for name in sizes
         if not name.startswith(".") and _suffix(name) in (*IMAGE_SUFFIXES, *_RECORDINGS)
     )
     images = [name for name in files if _suffix(name) in IMAGE_SUFFIXES]
@@ -141,16 +146,24 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
     if not images:
         if depth is not None:
             raise InputError(f"--depth given for recordings in {store.where}: expected images")
-        entries = tuple(_Entry(PurePosixPath(name).stem, name, None) for name in files)
+        entries = tuple(
+            _Entry(PurePosixPath(name).stem, name, None, (sizes[name], None)) for name in files
+        )
         return FrameFiles(store, None, entries, are_recordings=True)
     depths: list[str | None] = [None] * len(images)
     depth_store, missing = None, frozenset[str]()
+    depth_sizes: dict[str, int] = {}
     paths = [PurePosixPath(name) for name in images]
     if depth is not None:
         depth_store = open_store(depth)
-        paired = depth_names(paths, depth_store.sizes(""), store.where, depth_store.where)
+        depth_sizes = depth_store.sizes("")
+        paired = depth_names(paths, depth_sizes, store.where, depth_store.where)
         depths, missing = [*paired.names], paired.missing
-    entries = tuple(map(_Entry, frame_names(paths), images, depths))
+    bytes_ = [
+        (sizes[image], None if depth is None else depth_sizes.get(depth))
+        for image, depth in zip(images, depths, strict=True)
+    ]
+    entries = tuple(map(_Entry, frame_names(paths), images, depths, bytes_))
     return FrameFiles(store, depth_store, entries, are_recordings=False, missing_depth=missing)
 
 

@@ -19,7 +19,7 @@ def time_ns(time_s: float) -> int:
     """A time stamp in whole ns, at least 1: ROS takes 0 as a stamp that is not set.
 
     ROS holds whole seconds from 0 to below 2**31. Stamps of clocks that count from 1900 or have
-    negative times are brought there by multiples of 2**31 s, which keeps their differences.
+    negative times are brought there by multiples of 2**31 s (68 years).
     """
     whole_s = math.floor(time_s)
     stamp_ns = whole_s * _NS_PER_S + round((time_s - whole_s) * _NS_PER_S)

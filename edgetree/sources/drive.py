@@ -123,7 +123,8 @@ class _Drive(BaseSource):
     def _frame(self, number: int, image: _Image) -> Frame:
         path, depth = self._folder / image.file_name, self._folder / image.depth_file
         camera = calib.PinholeCamera.from_dict(image.camera)
-        rig = replace(self._rig, camera=camera, depth_camera=None, depth_extrinsics=None)
+        given = self._rig.camera_for(camera.width, camera.height)
+        rig = replace(self._rig, camera=given or camera, depth_camera=None, depth_extrinsics=None)
         depth_m, fault = rig.read_depth(depth)
         pose = image.pose_world
         return Frame(

@@ -62,8 +62,8 @@ def open_live_source(
             a dataset of the preset `drive`, an image, a folder of images or a video.
         depth: Depth image or folder of depth images; for images alone.
         right: Picture, folder or video of the right camera of a stereo pair; with `pair`.
-        rig: Cameras and gravity of images, videos and cameras without intrinsics of their own;
-            unit, kind and correction of the depth.
+        rig: Cameras and gravity; unit, kind and correction of the depth. Its camera takes the place
+            of the source's own; its vertical is for frames without one.
         topics: Names of topics by role, for recordings.
         depth_scale_m: Metres per unit of the depth; that of `rig` if None.
         modality: Which images of a recording are read. Of "depth", images in files are depth.

@@ -32,7 +32,7 @@ class TopicFrames:
     Args:
         topics: Names of the topics by role: "colour", "depth", "camera", "depth_camera" and "imu".
             The names tell what is rectified and what is aligned. A role may be missing.
-        rig: Unit, kind and correction of the depth.
+        rig: Unit, kind and correction of the depth, and a camera in place of that of CameraInfo.
 
     Attributes:
         counts: What was missing or could not be used, by reason.

@@ -108,7 +108,7 @@ class StemTracker:
                 f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
             )
         step_s = self._step_s(frame.stamp_s)
-        if frame.pose is not None and not self._camera.in_pose_frame and len(self._stems):
+        if frame.pose is not None and not self._camera.in_pose_frame and self._mapped:
             self._begin_map("the first pose came")
         self._camera.move(frame, measurements, step_s)
         doubt = self._border_doubt(trees)

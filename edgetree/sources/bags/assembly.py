@@ -45,7 +45,7 @@ class Assembly:
     Args:
         path: The recording.
         streams: Its topics.
-        rig: Unit, kind and correction of the depth, and the camera of a range that has none.
+        rig: Unit, kind and correction of the depth, and a camera in place of the recorded one.
         counts: Where missing poses and unusable pictures are counted.
 
     Attributes:
@@ -148,7 +148,7 @@ class Assembly:
         picture = pair.leading
         if beams is not None:
             depth = None
-        camera, reading = self._measured(pair, image, depth)
+        camera, reading, is_moved = self._measured(pair, image, depth)
         frame = Frame(
             f"{self._path.stem}_{number:06d}",
             self._path,
@@ -161,14 +161,16 @@ class Assembly:
             self._up(picture),
             self._pose(picture),
         )
+        if is_moved:
+            frame = replace(frame, depth_is_moved=True)
         if beams is not None:
             frame = replace(frame, depth_m=beams.depth_m, filled_depth_m=beams.filled_m)
         return self._exact.applied(frame, picture.stamp)
 
     def _measured(
         self, pair: Pair, image: NDArray[Any] | None, depth: NDArray[Any] | None
-    ) -> tuple[calib.PinholeCamera | None, DepthReading | None]:
-        """The camera of the frame, and its depth in metres and in the pixels of that camera."""
+    ) -> tuple[calib.PinholeCamera | None, DepthReading | None, bool]:
+        """The camera of the frame, its depth in the pixels of that, and whether it was moved."""
         colour, own = self._view(pair.colour, image), self._view(pair.depth, depth)
         leading = colour or own
         given = None if leading is None else self._given(leading)
@@ -178,14 +180,15 @@ class Assembly:
         if leading is not None and camera is None:
             width, height = leading.size_px
             self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
-        reading = None
+        reading, is_moved = None, False
         if own is not None and depth is not None:
             name = f"depth of {self._streams.depth}"
             of_range = self._camera_of_range(own, colour, camera)
             reading = metres_from_array(depth, self._rig.depth_convention, name, of_range)
             if colour is not None and pair.depth is not None:
+                is_moved = not self._alignment.is_aligned(own, colour)
                 reading = self._alignment.aligned(reading, own, colour, pair.depth.stamp, given)
-        return camera, reading
+        return camera, reading, is_moved
 
     def _given(self, view: View) -> calib.PinholeCamera | None:
         """The camera of the rig for pictures of this size: it takes the place of a recorded one."""

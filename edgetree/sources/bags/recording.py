@@ -54,8 +54,8 @@ def open_recording(
             of RealSense's SDK says, or 0.001 for 16UC1 and 1 for 32FC1.
         modality: "both" for all images there are, "rgb" for colour alone, "depth" for depth alone,
             which is then not registered to the colour.
-        rig: Unit, kind and correction of the depth, and the camera of a range whose camera is not
-            in the recording.
+        rig: Unit, kind and correction of the depth, and the camera, if it takes the place of the
+            recorded one.
         loop: Whether to start again at the end, for ever. Numbers and time stamps go on rising.
 
     Returns:
@@ -168,7 +168,7 @@ class _Pass:
     Args:
         bag: The open recording.
         streams: Its topics.
-        rig: Unit, kind and correction of the depth.
+        rig: Unit, kind and correction of the depth, and a camera in place of the recorded one.
         counts: Where what is left out is counted.
 
     Attributes:

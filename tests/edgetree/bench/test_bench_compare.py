@@ -64,8 +64,18 @@ def test_lost_accuracy_on_the_same_frames_is_a_regression() -> None:
     assert row.regressed
     assert row.lost_ap == {"box_ap": 0.44}
     other = {**worse, "frames": "other frames"}
-    (row,) = compare(timed(20.0, accuracy=ACCURACY), timed(20.0, accuracy=other)).rows
-    assert not row.regressed
+    found = compare(timed(20.0, accuracy=ACCURACY), timed(20.0, accuracy=other))
+    assert not found.rows[0].regressed
+    (line,) = found.lines()
+    assert line.endswith(f"accuracy not compared: of {ACCURACY['frames']}, then of other frames")
+    (line,) = compare(timed(20.0, accuracy=ACCURACY), timed(20.0)).lines()
+    assert line.endswith(f"accuracy not compared: of {ACCURACY['frames']}, then not known")
+
+
+def test_a_row_that_is_there_twice_is_refused() -> None:
+    twice = result_of([row_of("a", rounds=[{"p50_ms": 40.0}]), row_of("a")])
+    with pytest.raises(InputError, match="NEW has 2 rows of a float32"):
+        compare(result_of([row_of("a")]), twice)
 
 
 def test_rows_belong_together_by_how_they_ran() -> None:
@@ -84,6 +94,9 @@ def test_another_machine_is_said() -> None:
     other["environment"]["processor"] = "another"
     lines = list(compare(timed(20.0), other).lines())
     assert lines[0] == "measured on different machines: a processor, 2 cores, then another, 2 cores"
+    other["environment"]["processor"] = None
+    lines = list(compare(timed(20.0), other).lines())
+    assert lines[0].endswith("then processor not known, 2 cores")
 
 
 def test_the_command_ends_with_1_for_a_regression(run_cli: Any, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from edgetree.bench.rounds import measure_variants
 from edgetree.bench.stored import read_result
 from edgetree.model_file.manifest import Manifest
+from edgetree.sample_files import write_samples
 
 QUICK = ("--seconds", 0, "--rounds", 1, "--threads", 1)
 
@@ -127,6 +129,31 @@ def test_labels_are_looked_at_before_a_measurement(
     done = run_cli("bench", "--data", "none")
     assert done.code == 2
     assert "none/test_RGB.json: no such file" in done.err
+
+
+def test_data_that_do_not_suit_a_model_cost_no_measurement(
+    run_cli: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.setattr("edgetree.bench.rounds.measure_variants", None)
+    write_samples(tmp_path / "samples")
+    drive = tmp_path / "samples" / "drive"
+    shutil.rmtree(drive / "depth")
+    done = run_cli("bench", "edge-n-depth", "--data", drive)
+    assert done.code == 2
+    assert "has no 8-bit depth image for it" in done.err
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(model: Path, tmp_path: Path) -> None:
+    from edgetree.commands.bench import _chosen
+    from edgetree.commands.bench_options import NetworkOptions
+
+    files = [tmp_path / folder / "forest.onnx" for folder in ("v1", "v2")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_bytes(model.read_bytes())
+    chosen = _chosen([*map(str, files), str(model)], NetworkOptions(), "cpu")
+    assert [name for name, *_ in chosen] == ["v1/forest", "v2/forest", model.stem]
 
 
 def test_accuracy_comes_from_the_card_of_the_very_file(tmp_path: Path) -> None:

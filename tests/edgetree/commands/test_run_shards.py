@@ -150,6 +150,7 @@ def test_recordings_are_done_one_by_one(run_cli: Cli, model: Path, tmp_path: Pat
             "--out given with --shards: expected --csv, --jso",
         ),
         (("--shards", "p", "--shard", "3/2"), "--shard is '3/2'"),
+        (("--shards", "p", "--strict-frames"), "--strict-frames given with --shards"),
         (("--shards", "gopher://p"), "unknown kind of store 'gopher'"),
     ],
 )
@@ -160,6 +161,44 @@ def test_wrong_options_are_one_line(
     assert (done.code, done.out) == (2, "")
     assert message in done.err
     assert len(done.err.splitlines()) == 1
+
+
+def test_other_frames_of_the_same_names_are_another_job(
+    run_cli: Cli, frames: Path, model: Path, tmp_path: Path
+) -> None:
+    given = (*options(frames, model), "--shards", tmp_path / "parts")
+    assert run_cli("run", *given).code == 0
+    picture = cv2.imread(str(frames / "c.jpg"))
+    cv2.imwrite(str(frames / "c.jpg"), picture[:, ::-1])
+    done = run_cli("run", *given)
+    assert done.code == 2
+    assert "holds parts of another job" in done.err
+
+
+def test_another_camera_of_the_same_file_is_another_job(
+    run_cli: Cli, frames: Path, model: Path, tmp_path: Path
+) -> None:
+    cameras = tmp_path / "chain.yaml"
+    lines = (
+        "cam{0}:",
+        "  camera_model: pinhole",
+        "  distortion_model: none",
+        "  distortion_coeffs: []",
+        "  intrinsics: [{1}, {1}, 320, 180]",
+        "  resolution: [640, 360]",
+        "",
+    )
+    each = "\n".join(lines)
+    cameras.write_text(each.format(0, 350) + each.format(1, 600))
+    source, *others = options(frames, model)
+    place = others.index("--camera") + 1
+    shards = ("--shards", tmp_path / "parts")
+    others[place] = f"{cameras}:cam0"
+    assert run_cli("run", source, *others, *shards).code == 0
+    others[place] = f"{cameras}:cam1"
+    done = run_cli("run", source, *others, *shards)
+    assert done.code == 2
+    assert "holds parts of another job" in done.err
 
 
 def test_other_options_are_another_job(

@@ -1,10 +1,12 @@
 """Findings from imitated files of /proc and /sys, and from this machine."""
 
+import platform
 from pathlib import Path
 
 import pytest
 
 from edgetree.doctor import providers
+from edgetree.doctor.examine import examine_models
 from edgetree.doctor.libraries import import_error
 from edgetree.doctor.machine import core_quota, examine_machine, instruction_sets, memory_mib
 from edgetree.doctor.providers import examine_providers
@@ -35,6 +37,31 @@ def test_missing_files_give_unknown_values(tmp_path: Path) -> None:
     assert machine.core_quota is None
     assert (machine.memory_mib, machine.free_memory_mib) == (None, None)
     assert 1 <= machine.usable_cores <= machine.cores
+
+
+def test_a_board_whose_processor_has_no_name_is_named(tmp_path: Path) -> None:
+    (tmp_path / "proc" / "device-tree").mkdir(parents=True)
+    (tmp_path / "proc" / "cpuinfo").write_text("processor\t: 0\nFeatures\t: fp asimd\n")
+    (tmp_path / "proc" / "device-tree" / "model").write_bytes(b"Raspberry Pi 4 Model B\0")
+    assert examine_machine(tmp_path).processor in ("Raspberry Pi 4 Model B", platform.processor())
+
+
+def test_a_model_that_cannot_be_read_is_broken_and_hides_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "forest.onnx").symlink_to("gone.onnx")
+    monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path))
+    models, faults = examine_models()
+    assert {"edge-n-depth", "edge-n-rgb"} <= {model.name for model in models}
+    assert faults == (
+        f"model {tmp_path / 'forest.onnx'} cannot be read (No such file or directory): repair or"
+        " remove it",
+    )
+    monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path / "none"))
+    assert examine_models() == (
+        (),
+        (f"EDGETREE_MODELS names {tmp_path / 'none'}: expected an existing folder",),
+    )
 
 
 QUOTAS: dict[str, tuple[dict[str, str], float | None]] = {

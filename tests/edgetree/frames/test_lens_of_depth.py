@@ -54,6 +54,7 @@ def test_measuring_a_frame_tells_the_lens(caplog: pytest.LogCaptureFixture) -> N
     [
         (Rig(PLAIN), frame()),
         (Rig(bent(-0.13)), frame(has_depth=False)),  # nothing is measured
+        (Rig(bent(-0.14)), replace(frame(), depth_is_moved=True)),
         (Rig(), frame(bent(-0.16))),
         (
             Rig(bent(-0.17), depth_camera=PLAIN),

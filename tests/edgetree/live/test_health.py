@@ -39,9 +39,8 @@ def health_of(**changes: Any) -> ServiceHealth:
         ({}, "running", ""),
         ({"state": "lost", "fault": "camera 0 is gone"}, "camera lost", "camera 0 is gone"),
         ({"silent_s": 2.5}, "stale", "no results come"),
-        ({"silent_s": 2.5, "rate_hz": 0.0}, "stale", "no results come"),
-        ({"silent_s": 2.5, "rate_hz": 0.5}, "running", ""),  # a camera with a frame each 2 s
-        ({"silent_s": 12.0, "rate_hz": 0.5}, "stale", "no results come"),
+        ({"silent_s": 2.5, "slow_frame_s": 2.0}, "running", ""),  # a camera with a frame each 2 s
+        ({"silent_s": 12.0, "slow_frame_s": 2.0}, "stale", "no results come"),
         ({"state": "ended"}, "stopping", ""),
     ],
 )

@@ -42,18 +42,28 @@ def test_reasons_without_end_are_counted_together() -> None:
     assert left_out["other reasons"] > 400
 
 
-def test_the_rate_is_that_since_the_last_gap(clock: list[float]) -> None:
+def test_gaps_are_not_in_the_rate_nor_in_what_is_slow(clock: list[float]) -> None:
     recorder = StatusRecorder()
     add(recorder, clock, 60, 1 / 15)
-    assert recorder.status(0, {}).rate_hz == pytest.approx(15)
     clock[0] += 600.0
     add(recorder, clock, 10, 1 / 15)
-    assert recorder.status(0, {}).rate_hz == pytest.approx(15)
+    found = recorder.status(0, {})
+    assert (found.rate_hz, found.slow_frame_s) == (pytest.approx(15), pytest.approx(1 / 15))
 
 
 def test_a_slow_camera_has_its_rate(clock: list[float]) -> None:
     recorder = StatusRecorder()
-    add(recorder, clock, 5, 10.0)
-    assert recorder.status(0, {}).rate_hz == pytest.approx(0.1)
-    add(recorder, clock, 1, 30.0)
-    assert recorder.status(0, {}).rate_hz == pytest.approx(5 / 70)
+    add(recorder, clock, 20, 10.0)
+    add(recorder, clock, 1, 300.0)
+    found = recorder.status(0, {})
+    assert (found.rate_hz, found.slow_frame_s) == (pytest.approx(0.1), pytest.approx(10.0))
+
+
+def test_pauses_of_a_source_that_comes_in_bursts_are_usual(clock: list[float]) -> None:
+    recorder = StatusRecorder()
+    for _ in range(6):
+        add(recorder, clock, 3, 0.1)
+        clock[0] += 5.0
+    found = recorder.status(0, {})
+    assert found.slow_frame_s == pytest.approx(5.1)
+    assert 0.5 < found.rate_hz < 1.0

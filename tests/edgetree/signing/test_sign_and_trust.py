@@ -63,6 +63,23 @@ def test_from_a_new_key_to_an_accepted_model(
     assert "not required" in run_cli("trust", "--no-require").out
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("--new-key", "k.pem", "--valid-until", "2039-02-28"), "--valid-until given with --new"),
+        (("--new-key", "k.pem", "--version", "5"), "--version given with --new-key"),
+        (("m.onnx", "--key", "k.pem", "--encrypt"), "--encrypt given without --new-key"),
+    ],
+)
+def test_options_that_would_change_nothing_are_refused(
+    run_cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: Any, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run_cli("sign", *given)
+    assert (done.code, list(tmp_path.iterdir())) == (2, [])
+    assert message in done.err
+
+
 def test_an_account_changes_its_own_file(
     is_root: Callable[[bool], None], machine: Machine, run_cli: Cli, other_key: Path
 ) -> None:

@@ -171,6 +171,7 @@ def test_a_given_camera_takes_the_place_of_the_recorded_one(bags: Any, write: Wr
     (frame,) = open_recording(path, rig=Rig(camera=given))
 
     assert frame.camera == given
+    assert frame.depth_is_moved
     expected_m = calib.register_depth(depth_of(bags), WIDER, given, SHIFT)
     np.testing.assert_allclose(frame.depth_m, expected_m, atol=2e-3)
 
@@ -178,6 +179,7 @@ def test_a_given_camera_takes_the_place_of_the_recorded_one(bags: Any, write: Wr
 def test_aligned_depth_stays_so_with_a_given_camera(bags: Any, write: Write) -> None:
     (frame,) = open_recording(write(COLOUR), rig=Rig(camera=replace(COLOUR, fx=50.0)))
 
+    assert not frame.depth_is_moved
     np.testing.assert_array_equal(frame.depth_m, depth_of(bags))
 
 

@@ -155,12 +155,16 @@ private:
         }
     }
 
-    // Calls of libzmq end early if the program handles a signal.
+    // Calls of libzmq end early if the program handles a signal, and begin their time again. So a wait
+    // takes twice the timeout at most; a negative timeout is no end.
     template <typename Call>
     int waiting(Call call) const {
-        const auto end = std::chrono::steady_clock::now() + timeout_;
+        const auto begin = std::chrono::steady_clock::now();
+        const auto has_time = [&] {
+            return timeout_.count() < 0 || std::chrono::steady_clock::now() - begin < timeout_;
+        };
         int result = call();
-        while (result < 0 && errno == EINTR && std::chrono::steady_clock::now() < end) result = call();
+        while (result < 0 && errno == EINTR && has_time()) result = call();
         return result;
     }
 

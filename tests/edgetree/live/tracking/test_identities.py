@@ -211,6 +211,19 @@ def test_camera_is_found_again_after_a_gap():
     assert len(old & {t.number for t in after if t.tree is not None}) >= 4
 
 
+def test_the_first_pose_begins_a_map_also_where_no_stem_is_followed(rng):
+    """What was seen before it is at places of another frame."""
+    forest, tracker = stand(rng), StemTracker()
+    for index in range(5):
+        tracker.update(*forest.observe(index / 10, (6.0, 0.0), 90.0, pose=False))
+    for time_s in (1.0, 31.0, 62.0):
+        frame, trees, _ = forest.observe(time_s, (6.0, 0.0), 90.0, pose=False)
+        assert tracker.update(frame, trees.select(np.zeros(0, int)), []) == [] or time_s < 62
+    assert tracker.map_part == 1
+    tracks = tracker.update(*forest.observe(62.1, (6.0, 0.0), 90.0))
+    assert {track.map_part for track in tracks} == {2}
+
+
 @pytest.mark.parametrize("pose", [True, False])
 def test_time_that_jumps_back_keeps_the_numbers(rng, pose):
     forest, tracker = stand(rng), StemTracker()
