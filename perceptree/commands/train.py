@@ -47,14 +47,20 @@ def train(
 
     from perceptree.training import Preparing, train_while_simulating
     from perceptree.training import train as run_training
+    from perceptree.training.branching import BranchedRun
 
-    spec = model.spec(init)
-    settings = train_settings(spec, learned, start, schedule)
+    branched = None if start.branch is None else BranchedRun.read(start.branch)
+    spec = model.spec(init, branched)
+    settings = train_settings(spec, learned, start, schedule, branched)
     # Only one of torchrun's processes prints.
     is_main = os.environ.get("RANK", "0") == "0"
     shown = is_main and not as_json
     cached = counter("caching frames", shown=shown)
     preparing = Preparing(cached, say if is_main else lambda line: None)
+    if branched is not None:
+        rate = settings.learning_rate
+        last = settings.final_rate_share * rate
+        preparing.say(f"branch of {branched.folder}: the rate falls from {rate:g} to {last:g}")
     told = TrainingBar(shown)
     if learned.simulate is None:
         source, heads = learned.source(data), start.init_heads

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from perceptree.models import ModelSpec
     from perceptree.models.spec import Modality
     from perceptree.training import Init
+    from perceptree.training.branching import BranchedRun
 
 _DEFAULT_MODEL = "edge-n"
 _STEPS = 20_000
@@ -124,8 +125,8 @@ class ModelOptions:
         if self.modality not in (None, "rgb", "depth", "both"):
             raise SettingsError(f"--modality is {self.modality!r}: expected rgb, depth or both")
 
-    def spec(self, start: Init | None) -> ModelSpec:
-        """The spec of the preset or the starting file.
+    def spec(self, start: Init | None, branched: BranchedRun | None = None) -> ModelSpec:
+        """The spec of the preset, of the starting file, or of the run that is branched.
 
         Another preset than that of the starting file sets the input size. The anchors of light
         models grow with the width.
@@ -146,6 +147,8 @@ class ModelOptions:
             return self._resized(
                 joined_spec(depth, colour, named.name), named, changes, start.depth
             )
+        if start is None and branched is not None:
+            return self._resized(branched.spec, named, changes, branched.folder)
         if not isinstance(start, Path):
             # Published weights were trained with the stride in the 3x3 convolutions.
             return dataclasses.replace(named, stride_in_1x1=False) if start else named
@@ -210,8 +213,9 @@ class StartOptions:
     branch: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of a run to continue from its state, with the learning rate decaying to 0"
-            " over this run's steps or minutes."
+            help="Folder of a run to continue from its state, with its model and settings where"
+            " none are given; the learning rate falls to a hundredth over this run's steps or"
+            " minutes."
         ),
     ] = None
     freeze_level: Annotated[
@@ -294,8 +298,11 @@ def train_settings(
     data: DataOptions,
     start: StartOptions,
     schedule: ScheduleOptions,
+    branched: BranchedRun | None = None,
 ) -> TrainSettings:
     """The settings of the recipe with the changes from the options.
+
+    Those of a branch without a recipe of its own are the settings of the run that it branches.
 
     Raises:
         SettingsError: If the recipe is unknown or a value is out of range.
@@ -312,9 +319,12 @@ def train_settings(
         changes = PAPER_FREEZING | changes
     if "minutes" not in changes and "steps" not in changes:
         changes["steps"] = PAPER_STEPS if recipe == "paper" else _STEPS
-    if start.branch is not None:
-        changes["schedule"] = "decay"
-    return recipe_settings(recipe, **changes)
+    if branched is None:
+        return recipe_settings(recipe, **changes)
+    changes["schedule"] = "decay"
+    if schedule.recipe is not None:
+        return recipe_settings(recipe, **{"learning_rate": branched.learning_rate} | changes)
+    return branched.settings(**{"mix_share": 0.0} | changes)
 
 
 def is_paper(spec: ModelSpec) -> bool:

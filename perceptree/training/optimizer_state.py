@@ -27,7 +27,10 @@ def check_optimizer_state(optimizer: torch.optim.Optimizer, state: Mapping[str, 
     own = optimizer.state_dict()["param_groups"]
     groups, remembered = state.get("param_groups"), state.get("state")
     if not isinstance(groups, list) or not isinstance(remembered, dict) or len(groups) != len(own):
-        raise ValueError(f"the optimizer has no {len(own)} groups of parameters with their state")
+        raise ValueError(
+            f"the optimizer has no {len(own)} groups of parameters with their state, as with"
+            " another --backbone-rate"
+        )
     for group, like in zip(groups, own, strict=True):
         _check_group(group, like)
     parameters = [one for group in optimizer.param_groups for one in group["params"]]
@@ -43,7 +46,10 @@ def check_optimizer_state(optimizer: torch.optim.Optimizer, state: Mapping[str, 
 def _check_group(group: Any, like: Mapping[str, Any]) -> None:
     """Check that a group has the same parameters and switches, and numbers where there are some."""
     if not isinstance(group, dict) or group.get("params") != like["params"]:
-        raise ValueError("the optimizer's groups have other parameters")
+        raise ValueError(
+            "the optimizer's groups have other parameters, as with another --freeze-level or"
+            " --backbone-rate"
+        )
     for name, value in like.items():
         found = group.get(name, value)
         if isinstance(value, bool) or value is None or name == "params":

@@ -41,7 +41,7 @@ RECIPES: dict[str, dict[str, Any]] = {
 of light, tone, colour and sharpness, for RGB models that will see real cameras. `transfer` adds
 what keeps a pretrained backbone from forgetting real pictures while it learns simulated ones: its
 first stages and norms are frozen, and its maps are held near those of the starting weights; the
-rate falls to nothing. `paper` follows
+rate falls to a hundredth. `paper` follows
 Grondin et al. (2022) and their published configurations, in which training takes 60,000 steps and
 starts from COCO or ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 """

@@ -146,7 +146,7 @@ class _TrainingRun:
         model = self._model()
         data = self._open_data(preparing)
         state = self._state(data)
-        precision = str((state or {}).get("precision", self._precision()))
+        precision = self._precision_of(state)
         trainer = Trainer(
             model, self.settings, self.engine, data, self.out, self.processes, precision, progress
         )
@@ -190,6 +190,19 @@ class _TrainingRun:
                 load_heads(model, self.heads)
         return model
 
+    def _precision_of(self, state: dict[str, Any] | None) -> str:
+        """That of the state to go on from; a branch may ask for another one."""
+        before = None if state is None else str(state["precision"])
+        asked = self.engine.precision
+        if before is None or (asked != "auto" and not self._resumable):
+            return self._precision()
+        if asked not in ("auto", before):
+            raise SettingsError(
+                f"precision is {asked} and the run to resume has {before}: expected the same, or a"
+                " branch of it"
+            )
+        return before
+
     def _precision(self) -> str:
         if self.engine.precision != "auto":
             return self.engine.precision
@@ -212,10 +225,6 @@ class _TrainingRun:
             return read_state(self.out / STATE_NAME, self._identity(data), defaults)
         if self.branch is None:
             return None
-        if not (self.branch / STATE_NAME).is_file():
-            raise CheckpointError(
-                f"{self.branch}: has no {STATE_NAME}, expected the folder of a training run"
-            )
         return read_state(self.branch / STATE_NAME, {"model settings": self.spec.to_dict()})
 
     def _origin(self) -> dict[str, Any]:
@@ -292,6 +301,10 @@ def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
     if trainer.start is not None:
         trainer.start.load_state(state.get("start") or trainer.start.own_state())
     check_optimizer_state(trainer.optimizer, state["optimizer"])
+    own = [dict(group) for group in trainer.optimizer.param_groups]
     trainer.optimizer.load_state_dict(state["optimizer"])
+    if branched:  # whose rates and weight decay may be others
+        for group, values in zip(trainer.optimizer.param_groups, own, strict=True):
+            group.update({name: value for name, value in values.items() if name != "params"})
     step = state["step"]
     trainer.counts = Counts(step, first_step=step) if branched else Counts.of_state(state)

@@ -55,6 +55,18 @@ def _reason(error: BaseException) -> str:
     return str(error) if cause is None else str(cause.strerror or cause)
 
 
+def read_identity(run: Path) -> dict[str, dict[str, Any]]:
+    """Read what a run's state must have in common with a training that resumes it.
+
+    Args:
+        run: Folder of the run.
+
+    Raises:
+        CheckpointError: If there is no state, or it is unreadable or none.
+    """
+    return _read(run / STATE_NAME)[1]
+
+
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:
     """Read what `write_state` wrote.
 
@@ -68,13 +80,7 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
         CheckpointError: If the file is unreadable or no training state, if a value of it is out of
             range, or if its identity differs.
     """
-    try:
-        check_archive(path)
-        state = torch.load(path, weights_only=True, map_location="cpu")
-        found = _checked(state)
-    except Exception as error:  # torch has no common error for broken files
-        reason = str(error).partition("\n")[0][:_LONGEST_REASON] or type(error).__name__
-        raise CheckpointError(f"{path}: not a readable training state ({reason})") from error
+    state, found = _read(path)
     wanted = json.loads(json.dumps(identity))
     filled = json.loads(json.dumps(defaults or {}))
     for group in wanted:
@@ -89,7 +95,22 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
                 f"{path}: belongs to a training with other {group}: {'; '.join(differing[:3])};"
                 " expected the same to resume it, or another output folder"
             )
-    return dict(state)
+    return state
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """A state and its identity."""
+    if not path.is_file():
+        raise CheckpointError(
+            f"{path.parent}: has no {path.name}, expected the folder of a training run"
+        )
+    try:
+        check_archive(path)
+        state = torch.load(path, weights_only=True, map_location="cpu")
+        return dict(state), _checked(state)
+    except Exception as error:  # torch has no common error for broken files
+        reason = str(error).partition("\n")[0][:_LONGEST_REASON] or type(error).__name__
+        raise CheckpointError(f"{path}: not a readable training state ({reason})") from error
 
 
 def _checked(state: Any) -> dict[str, dict[str, Any]]:

@@ -10,6 +10,7 @@ import torch
 from schema_check import check_schema
 
 import perceptree.training.trainer
+from basetree.errors import SettingsError
 from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics
 from perceptree.training import Engine, Status, train
@@ -55,6 +56,23 @@ def test_a_branch_counts_on_and_its_rate_falls_to_nothing(
     assert (tmp_path / "run/state.pt").read_bytes() == before
     again = train(narrow(), decay, posts, tmp_path / "branch", branch=tmp_path / "run")
     assert again == report
+
+
+def test_a_branch_trains_with_its_own_rates_and_precision(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    given = {"learning_rate": 1e-3, "weight_decay": 0.05, "backbone_rate_share": 0.5}
+    bf16, fp32 = Engine(precision="bf16"), Engine(precision="fp32")
+    train(narrow(), plan(steps=1, **given), posts, tmp_path / "run", engine=bf16)
+    other = plan(steps=1, **given | {"weight_decay": 0.01, "backbone_rate_share": 0.1})
+    train(narrow(), other, posts, tmp_path / "branch", engine=fp32, branch=tmp_path / "run")
+    state = torch.load(tmp_path / "branch/state.pt")
+    groups = state["optimizer"]["param_groups"]
+    assert {group["rate_share"] for group in groups} == {1.0, 0.1}
+    assert {group["weight_decay"] for group in groups} == {0.01, 0.0}
+    assert state["precision"] == "fp32"
+    with pytest.raises(SettingsError, match="precision is bf16 and the run to resume has fp32"):
+        train(narrow(), other, posts, tmp_path / "branch", engine=bf16, branch=tmp_path / "run")
 
 
 def test_a_branch_needs_a_run_of_the_same_network(

@@ -24,6 +24,7 @@ from perceptree.models import (
     save_checkpoint,
 )
 from perceptree.training import DataSource, Engine, Init, TrainSettings, recipe_settings
+from perceptree.training.state import write_state
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -69,11 +70,8 @@ def asked(
         raise Stopped("far enough")
 
     def ask(*options: object) -> Asked:
-        assert call("train", "posts", "--out", "run", *options) == (
-            2,
-            "",
-            "perceptree: far enough\n",
-        )
+        code, out, err = call("train", "posts", "--out", "run", *options)
+        assert (code, out, err.splitlines()[-1]) == (2, "", "perceptree: far enough")
         return told[-1]
 
     monkeypatch.setattr(perceptree.training, "train", record)
@@ -334,7 +332,29 @@ def test_a_mix_takes_half_of_each_batch_unless_told(asked: Callable[..., Asked])
     assert asked("--mix", general, "--mix-share", 0.25).settings.mix_share == 0.25
 
 
-def test_a_branch_lets_the_rate_fall(asked: Callable[..., Asked], tmp_path: Path) -> None:
+def write_run(folder: Path, spec: ModelSpec, settings: TrainSettings) -> None:
+    """The state of a run of no steps."""
+    folder.mkdir()
+    state = dict.fromkeys(("step", "first_step", "stale", "evaluated_at"), 0)
+    state |= dict.fromkeys(("elapsed_s", "waited_s"), 0.0)
+    state |= {"model": {}, "average": None, "optimizer": {}, "precision": "fp32"}
+    identity = {"model settings": spec.to_dict(), "settings": settings.to_dict()}
+    write_state(folder / "state.pt", {**state, "means": {}, "best": None}, identity)
+
+
+def test_a_branch_has_the_model_and_settings_of_its_run_and_its_rate_falls(
+    asked: Callable[..., Asked], tmp_path: Path
+) -> None:
+    spec = narrow_spec("rgb", 96, 160, mask_score_weight=0.3)
+    given = {"learning_rate": 0.0003, "batch": 4, "frozen_norms": True, "backbone_rate_share": 0.5}
+    write_run(tmp_path / "run", spec, recipe_settings("varied", steps=9, seed=7, **given))
     found = asked("--branch", tmp_path / "run", "--minutes", 20)
-    assert found.branch == tmp_path / "run"
-    assert found.settings == recipe_settings("scratch", minutes=20.0, schedule="decay")
+    assert (found.branch, found.spec) == (tmp_path / "run", spec)
+    decay = {"minutes": 20.0, "schedule": "decay"}
+    assert found.settings == recipe_settings("varied", **given, **decay)
+    changed = asked("--branch", tmp_path / "run", "--backbone-rate", 0.1, "--minutes", 20)
+    assert changed.settings == recipe_settings(
+        "varied", **given | {"backbone_rate_share": 0.1}, **decay
+    )
+    scratch = asked("--branch", tmp_path / "run", "--recipe", "scratch", "--minutes", 20)
+    assert scratch.settings == recipe_settings("scratch", learning_rate=0.0003, **decay)
