@@ -178,7 +178,7 @@ def open_cache(
     Raises:
         DatasetError: If a frame is missing or broken, or the folder cannot be written.
     """
-    key = _key(frames, spec, skip_broken)
+    key = frames_key(frames, spec, skip_broken)
     try:
         cache = read_cache(folder) if _key_in(folder) == key else None
         if cache is None:
@@ -193,7 +193,7 @@ def open_cache(
         ) from error
 
 
-def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
+def frames_key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
     """Hash the labels, the image files' sizes and modification times, and the input format."""
     form = [
         _KEY_VERSION,

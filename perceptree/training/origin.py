@@ -14,6 +14,7 @@ from basetree.files.regular import read_regular
 from calib import DepthEncoding, Letterbox, picture_statistics, usual_ranges
 from perceptree.data import FrameRecord
 from perceptree.data.cache import FrameCache
+from perceptree.data.check.leakage import scene_of
 from perceptree.data.frames import source_path
 from perceptree.models import ModelSpec
 from perceptree.simulator.dataset.scene_job import MAX_SCENES
@@ -34,7 +35,7 @@ def simulated_scenes(frames: Sequence[FrameRecord]) -> list[dict[str, int]]:
     """
     numbers: dict[int, list[int]] = {}
     for frame in frames:
-        seed = frame.extra.get("scene", {}).get("seed")
+        seed = scene_of(frame)
         if isinstance(seed, int):
             dataset, number = divmod(seed, MAX_SCENES)
             numbers.setdefault(dataset, []).append(number)
@@ -78,15 +79,28 @@ def usual_pictures(
     encoding = None if values is None else DepthEncoding.from_dict(dict(values))
     found = []
     for cache, frames in sets:
-        sizes = {
-            source_path(each, spec.modality).name: (each.width, each.height) for each in frames
-        }
+        sizes = _sizes_px(cache, frames, spec)
         count = min(_MOST_PICTURES, len(cache))
         for index in (number * len(cache) // count for number in range(count)):
-            box = Letterbox.fit(*sizes[cache.names[index]], spec.width, spec.height)
+            box = Letterbox.fit(*sizes[index], spec.width, spec.height)
             inner = cache.image(index)[: box.resized_height, : box.resized_width]
             found.append(_statistics(inner, encoding))
     return usual_ranges(found)
+
+
+def _sizes_px(
+    cache: FrameCache, frames: Sequence[FrameRecord], spec: ModelSpec
+) -> list[tuple[int, int]]:
+    """Width and height of each cached frame; frames that were skipped are passed over."""
+    following = iter(frames)
+    return [
+        next(
+            (frame.width, frame.height)
+            for frame in following
+            if source_path(frame, spec.modality).name == name
+        )
+        for name in cache.names
+    ]
 
 
 def _statistics(image: UInt8, encoding: DepthEncoding | None) -> dict[str, float]:

@@ -35,6 +35,7 @@ from perceptree.training.trainer import Trainer, TrainReport
 # Settings that make no sense with a random backbone.
 _NEED_START = ("frozen_norms", "frozen_steps", "keep_weights", "keep_features")
 _CREDITS = "credits"  # in a state
+_VAL_HASH = "val frames hash"
 
 
 def train(
@@ -221,8 +222,12 @@ class _TrainingRun:
     def _state(self, data: TrainingData) -> dict[str, Any] | None:
         """The state to continue: this run's, or else that of the run it branches from."""
         if self._resumable:
-            defaults = {"settings": _fixed_settings(TrainSettings(steps=1))}
-            return read_state(self.out / STATE_NAME, self._identity(data), defaults)
+            identity = self._identity(data)
+            defaults = {
+                "settings": _fixed_settings(TrainSettings(steps=1)),
+                "data": {_VAL_HASH: identity["data"][_VAL_HASH]},  # states of older versions
+            }
+            return read_state(self.out / STATE_NAME, identity, defaults)
         if self.branch is None:
             return None
         return read_state(self.branch / STATE_NAME, {"model settings": self.spec.to_dict()})

@@ -10,7 +10,13 @@ from typing import Any
 from basetree.counts import counted
 from basetree.errors import SettingsError
 from perceptree.data import Dataset, FrameStore, read_dataset
-from perceptree.data.cache import FrameCache, Progress, load_in_order, open_cache
+from perceptree.data.cache import (
+    FrameCache,
+    Progress,
+    frames_key,
+    load_in_order,
+    open_cache,
+)
 from perceptree.data.coco import FrameRecord
 from perceptree.data.dividing import DEFAULT_SHARES, divide
 from perceptree.data.entries import EntryError
@@ -67,6 +73,7 @@ class TrainingData:
             "name": self.name,
             "train": len(self.frames),
             "val": len(self.val),
+            "val frames hash": frames_key(self.val.frames, self.val.spec, skip_broken=False),
             "frames hash": self.frames.key,
             "certain_m": self.certain_m,
             **mixed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from basetree.arrays import Float64
 from basetree.counts import counted
 from basetree.files.reading import read_text
 from basetree.files.regular import open_regular
@@ -21,6 +23,7 @@ from perceptree.errors import DatasetError
 
 _EXPECTED = "CVAT for images"
 _FIRST_BYTES = 4096
+_ELLIPSE_CORNERS = 72
 _DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
@@ -45,13 +48,14 @@ def read_cvat(folder: Path) -> Iterator[tuple[str | None, Path, dict[str, Any], 
         DatasetError: If a file is broken.
     """
     for path in cvat_files(folder) if folder.is_dir() else [folder]:
-        splits: dict[str | None, Shapes] = {}
+        splits: dict[str | None, tuple[Shapes, Counter[str]]] = {}
         for image in _root(path).iter("image"):
             split = SPLIT_WORDS.get(image.get("subset", "").lower())
-            _read_image(image, path, splits.setdefault(split, Shapes()))
-        for split, shapes in splits.items():
+            _read_image(image, path, *splits.setdefault(split, (Shapes(), Counter())))
+        for split, (shapes, others) in splits.items():
             content, lost = shapes.content(), shapes.lost_points
             notes = [f"left out: {counted(lost, 'point')} in no tree"] if lost else []
+            notes += [f"left out: {counted(count, tag)}" for tag, count in others.items()]
             yield split, path, content, notes
 
 
@@ -68,7 +72,9 @@ def _root(path: Path) -> ElementTree.Element:
     return root
 
 
-def _read_image(image: ElementTree.Element, path: Path, shapes: Shapes) -> None:
+def _read_image(
+    image: ElementTree.Element, path: Path, shapes: Shapes, others: Counter[str]
+) -> None:
     name = image.get("name", "")
     wide, high = size(image.get("width"), image.get("height"), path)
     if not name or wide is None or high is None:
@@ -89,6 +95,8 @@ def _read_image(image: ElementTree.Element, path: Path, shapes: Shapes) -> None:
             group = shape.get("group_id")
             keys = [key, ("group", group)] if group else [key]
             shapes.add_region(shape.get("label", ""), region, keys)
+        elif shape.tag != "tag":
+            others[shape.tag] += 1
 
 
 def _add_skeleton(
@@ -132,13 +140,32 @@ def _region(
             number(shape.get(name), path, f"{name} of {what}")
             for name in ("xtl", "ytl", "xbr", "ybr")
         )
+        if float(turn := number(shape.get("rotation", 0), path, f"rotation of {what}")):
+            half = np.array([right - left, bottom - top]) / 2
+            corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+            return _turned(corners, (left + half[0], top + half[1]), turn)
         return {"bbox": [left, top, right - left, bottom - top]}
+    if shape.tag == "ellipse":
+        x, y, wide, high = (
+            number(shape.get(name), path, f"{name} of {what}") for name in ("cx", "cy", "rx", "ry")
+        )
+        around = np.linspace(0, 2 * np.pi, _ELLIPSE_CORNERS, endpoint=False)
+        corners = np.stack([wide * np.cos(around), high * np.sin(around)], -1)
+        turn = number(shape.get("rotation", 0), path, f"rotation of {what}")
+        return _turned(corners, (x, y), turn)
     if shape.tag in ("polygon", "polyline"):
         points = _points(shape, what, path)
         return {"segmentation": [[value for point in points for value in point]]}
     if shape.tag == "mask":
         return _mask(shape, picture, what, path)
     return None
+
+
+def _turned(corners: Float64, middle: tuple[float, float], turn_deg: float) -> dict[str, Any]:
+    """The polygon of (N, 2) corners around a point, turned clockwise about it."""
+    angle = np.deg2rad(turn_deg)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return {"segmentation": [(np.array(middle) + corners @ turn).reshape(-1).tolist()]}
 
 
 def _mask(

@@ -27,7 +27,7 @@ class Places:
         self._names = _unique_names(paths)
         self._names_of_depth: dict[Path, str] = {}
         for frame in frames:
-            for path in (frame.depth_path, frame.depth8_path):
+            for path in (frame.depth_path, frame.depth8_path, frame.exact_path):
                 if path is not None:
                     own = Path(self._names[frame.image_path])
                     self._names_of_depth[path] = own.with_suffix(path.suffix).name

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from pycocotools import mask as coco_masks
 
 from basetree.arrays import Bool
 from calib import encode_rle, image_to_opencv
@@ -87,7 +88,8 @@ class Shapes:
             label: Name of its category.
             shape: Its fields `bbox` and `segmentation` as in COCO; a missing box is that of the
                 polygons.
-            keys: What names the region, for points and for further polygons of the same one.
+            keys: What names the region, for points and for further polygons or run lengths of the
+                same one.
             fields: Further fields of the annotation.
         """
         for region in self._regions[-1]:
@@ -95,6 +97,9 @@ class Shapes:
             if region.keys & set(keys) and all(isinstance(part, list) and part for part in parts):
                 region.entry["segmentation"] += shape["segmentation"]
                 region.entry["bbox"] = box_around(region.entry["segmentation"])
+                return
+            if region.keys & set(keys) and all(isinstance(part, dict) for part in parts):
+                region.entry |= _joined(parts)
                 return
         category = self._categories.setdefault(label, len(self._categories) + 1)
         entry: Entry = {"image_id": len(self._images), "category_id": category, **shape, **fields}
@@ -157,3 +162,10 @@ def mask_entry(mask: Bool) -> dict[str, Any]:
     left, top = int(columns[0]), int(rows[0])
     box = [left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top]
     return {"segmentation": encode_rle(mask), "bbox": box}
+
+
+def _joined(runs: Iterable[Any]) -> Entry:
+    """The fields of a region of several run lengths."""
+    whole = coco_masks.merge([{**each, "counts": each["counts"].encode()} for each in runs])
+    segmentation = {**whole, "counts": whole["counts"].decode()}
+    return {"segmentation": segmentation, "bbox": coco_masks.toBbox(whole).tolist()}

@@ -48,9 +48,16 @@ def _image(number: int, frame: FrameRecord, places: Places) -> dict[str, Any]:
         "height": frame.height,
         **frame.extra,
     }
-    for field, path in (("depth_file", frame.depth_path), ("depth8_file", frame.depth8_path)):
+    files = {
+        "depth_file": frame.depth_path,
+        "depth8_file": frame.depth8_path,
+        "depth_exact_file": frame.exact_path,
+    }
+    for field, path in files.items():
         if path is not None:
             entry[field] = places.copy(path, field.removesuffix("_file"))
+    if frame.exact_path is not None:
+        entry["depth_exact_stride_px"] = frame.exact_stride_px
     return entry
 
 

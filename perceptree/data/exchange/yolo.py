@@ -256,6 +256,15 @@ def _class_name(value: float, names: dict[int, str], where: tuple[Path, int]) ->
     return names[int(value)]
 
 
+def _flag(value: float, labels: Path, place: int) -> int:
+    if value not in (0, 1, _VISIBLE):
+        raise DatasetError(
+            f"{labels}: line {place} has the visibility {value:g}, expected 0, 1 or 2 as labels"
+            " have it; networks write shares"
+        )
+    return int(value)
+
+
 def _add_line(
     line: list[str],
     size: tuple[int, int],
@@ -282,7 +291,7 @@ def _add_line(
         shapes.add_region(label, {"bbox": [x - wide / 2, y - high / 2, wide, high]}, keys)
         for index, name in enumerate(settings.keypoint_names if len(shares) > 4 else ()):
             at = shares[4 + index * each : 4 + (index + 1) * each]
-            flag = int(at[2]) if each == 3 else _VISIBLE * any(at)
+            flag = _flag(at[2], labels, place) if each == 3 else _VISIBLE * any(at)
             if flag:
                 shapes.add_point(name, at[0] * size[0], at[1] * size[1], flag, place)
     elif len(shares) >= 6 and len(shares) % 2 == 0:

@@ -13,6 +13,7 @@ import calib
 from perceptree.data import read_dataset, read_split
 from perceptree.data.cache import open_cache
 from perceptree.data.exact import with_exact_depth
+from perceptree.data.exchange.write_coco import write_coco
 from perceptree.data.frames import load_sample
 from perceptree.errors import DatasetError
 from perceptree.models import make_spec
@@ -66,6 +67,17 @@ def test_the_cache_knows_exact_depth(exact_posts: Write, tmp_path: Path) -> None
     assert (measured.key != exact.key, measured[0].exact, exact[0].exact) == (True, False, True)
     assert (measured[0].image == 255).sum() == 0
     assert (exact[0].image == 255).any()
+
+
+def test_a_copy_of_a_dataset_keeps_its_exact_depth(exact_posts: Write, tmp_path: Path) -> None:
+    frames = read_split(exact_posts(2), "train")
+    write_coco(tmp_path / "copy", {"train": frames})
+    copied = with_exact_depth(read_split(tmp_path / "copy", "train"))
+    assert {frame.exact_stride_px for frame in copied} == {2}
+    for one, other in zip(frames, copied, strict=True):
+        assert one.exact_path is not None
+        assert other.exact_path is not None
+        assert other.exact_path.read_bytes() == one.exact_path.read_bytes()
 
 
 def test_frames_without_exact_depth_are_named(posts: Path) -> None:

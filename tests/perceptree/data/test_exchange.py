@@ -218,6 +218,56 @@ def test_cvat_mask_and_points(tmp_path: Path, grouped: bool) -> None:
     check_tree(dataset.frames[0])
 
 
+def test_cvat_masks_of_one_group_are_one_tree(tmp_path: Path) -> None:
+    masks = (
+        f'<mask label="tree" group_id="7" rle="0, 300" left="10" top="{top}" width="20"'
+        ' height="15"/>'
+        for top in (20, 35)
+    )
+    cvat_file(tmp_path / "annotations.xml", "".join(masks))
+    check_tree(only_frame(tmp_path), keypoints=False)
+
+
+@pytest.mark.parametrize(
+    ("shape", "box"),
+    [
+        # 20 x 30 px around (40, 35), a quarter turned.
+        ('<box label="tree" xtl="30" ytl="20" xbr="50" ybr="50" rotation="90"/>', (25, 25, 55, 45)),
+        ('<ellipse label="tree" cx="40" cy="35" rx="10" ry="15"/>', (30, 20, 50, 50)),
+        (
+            '<ellipse label="tree" cx="40" cy="35" rx="10" ry="15" rotation="90"/>',
+            (25, 25, 55, 45),
+        ),
+    ],
+)
+def test_cvat_boxes_and_ellipses_may_be_turned(
+    tmp_path: Path, shape: str, box: tuple[float, ...]
+) -> None:
+    cvat_file(tmp_path / "annotations.xml", shape)
+    frame = only_frame(tmp_path)
+    (tree,) = frame.trees
+    np.testing.assert_allclose(tree.box_px, box, atol=0.1)
+    share = np.pi / 4 if "ellipse" in shape else 1.0
+    assert frame.mask(tree).sum() == pytest.approx(600 * share, rel=0.05)
+
+
+def test_a_leaning_box_of_cvat_turns_clockwise(tmp_path: Path) -> None:
+    shape = '<box label="tree" xtl="38" ytl="10" xbr="42" ybr="50" rotation="30"/>'
+    cvat_file(tmp_path / "annotations.xml", shape)
+    frame = only_frame(tmp_path)
+    mask = frame.mask(frame.trees[0])
+    assert mask[15, 48]  # its top leans to the right
+    assert mask[45, 31]
+    assert not mask[15, 32]
+
+
+def test_cvat_shapes_that_are_no_region_are_told(tmp_path: Path) -> None:
+    box = '<box label="tree" xtl="4" ytl="0" xbr="9" ybr="9"/>'
+    cvat_file(tmp_path / "annotations.xml", box + "<cuboid/><cuboid/>")
+    ((_, dataset),) = read_any(tmp_path)
+    assert "left out: 2 cuboids" in " ".join(dataset.notes)
+
+
 def test_cvat_mask_of_negative_size_is_refused(tmp_path: Path) -> None:
     mask = '<mask label="tree" rle="600" left="30" top="50" width="-20" height="-30"/>'
     cvat_file(tmp_path / "annotations.xml", mask)
@@ -342,6 +392,11 @@ def test_what_is_written_is_read_again(
         ("labels/a.txt", "0 0.5 0.5", "line 1 has 3 numbers"),
         ("labels/a.txt", "0 0.5 0.5 0.5 x", "is 'x', expected a finite number"),
         ("labels/a.txt", "0 30 20 10 10", "line 1 has the coordinate 30, expected shares"),
+        (
+            "labels/a.txt",
+            "0 0.5 0.5 0.1 0.1 0.5 0.5 0.93",
+            "line 1 has the visibility 0.93, expected 0, 1 or 2",
+        ),
         ("a.xml", "<annotations><image", "not readable XML"),
         ("a.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]><annotations/>", "declares entities"),
         ("a.json", '{"shapes": [{"points": 3}], "imagePath": "a.jpg"}', "no list of x and y"),
@@ -355,6 +410,9 @@ def test_broken_labels_are_one_line(
     picture(folder / "a.jpg")
     (folder / name).parent.mkdir(exist_ok=True)
     (folder / name).write_text(content)
+    if "visibility" in expected:
+        settings = "kpt_shape: [1, 3]\ntrain: images\nnames: [tree]"
+        (folder / "data.yaml").write_text(settings)
     code, _, errors = call("data", "convert", folder, "--out", tmp_path / "out")
     assert code == 2
     assert name.rpartition("/")[2] in errors

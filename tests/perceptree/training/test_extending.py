@@ -58,6 +58,18 @@ def test_a_branch_counts_on_and_its_rate_falls_to_nothing(
     assert again == report
 
 
+def test_a_run_with_other_val_labels_is_not_resumed(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make
+) -> None:
+    def moved(content: dict[str, Any]) -> None:
+        content["annotations"][0]["bbox"][0] += 3
+
+    train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    edit_split(posts, "val", moved)
+    with pytest.raises(CheckpointError, match="other data: val frames hash was"):
+        train(narrow(), plan(steps=2), posts, tmp_path / "run")
+
+
 def test_a_branch_trains_with_its_own_rates_and_precision(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:

@@ -34,6 +34,19 @@ def test_scenes_are_told_by_the_seed_of_their_dataset(
     ]
 
 
+@pytest.mark.parametrize("scene", ["north plot", None])
+def test_a_scene_that_is_a_name_is_no_simulated_one(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make, scene: str | None
+) -> None:
+    def named(content: dict[str, Any]) -> None:
+        for image in content["images"]:
+            image["scene"] = scene
+
+    edit_split(posts, "train", named)
+    report = train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    assert load_checkpoint(report.checkpoint)[1]["training"]["scenes"] == []
+
+
 def stated(folder: Path, content: object) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "settings.json").write_text(json.dumps(content), "utf-8")
