@@ -9,6 +9,7 @@ the time. Accuracy on the same frames has no noise.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
@@ -21,6 +22,7 @@ from edgetree.bench.stored import StoredResult, StoredRow
 LEAST_AP: Final = 0.1
 """Smallest loss of average precision that counts, in points."""
 
+_CARD_DATE: Final = re.compile(r", \d{4}-\d\d-\d\d$")
 _AVERAGE_PRECISIONS: Final = ("box_ap", "mask_ap", "keypoint_ap")
 
 
@@ -173,7 +175,11 @@ def _not_compared(old: StoredRow, new: StoredRow) -> str:
     if old.accuracy is None and new.accuracy is None:
         return ""
     measured = (old.accuracy, new.accuracy)
-    was, now = ("not known" if each is None else f"of {each.frames}" for each in measured)
+    # Results of older versions name the date of the card, too.
+    was, now = (
+        "not known" if each is None else f"of {_CARD_DATE.sub('', each.frames)}"
+        for each in measured
+    )
     return "" if was == now else f"{was}, then {now}"
 
 

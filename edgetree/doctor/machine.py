@@ -38,7 +38,7 @@ def examine_machine(root: Path = Path("/")) -> Machine:
     return Machine(
         system=f"{platform.system()} {platform.machine()}",
         architecture=platform.machine().lower(),
-        processor=(name[1].strip() if name else platform.processor()) or _board(root),
+        processor=name[1].strip() if name else _board(root) or platform.processor() or None,
         instructions=instruction_sets(cpuinfo),
         cores=os.cpu_count() or 1,
         usable_cores=usable_cores(),

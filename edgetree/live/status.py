@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 import threading
 import time
@@ -19,7 +18,7 @@ STALE_S: Final = 2.0
 STALE_FRAMES: Final = 5
 """Frame times of a slow camera after which it does."""
 _REMEMBERED: Final = 50  # results for rates and medians
-_SLOW_SHARE: Final = 0.9
+_SLOW_SHARE, _FEW_STEPS = 0.9, 20
 _MOST_REASONS: Final = 40
 _OTHER_REASONS: Final = "other reasons"
 
@@ -43,8 +42,8 @@ class LiveStatus:
         silent_s: Time since the last result, s.
         busy_s: How long a stage, or the caller, has worked on the frame that it has, s.
         fault: Why the source is lost; empty if it is not.
-        slow_frame_s: Time between two results that nine of ten of the last 50 do not exceed, s; 0
-            before the second.
+        slow_frame_s: Time between two results that nine of ten of the last 50 do not exceed, or of
+            the first 20 half, s; 0 before the second.
     """
 
     state: Literal["starting", "running", "lost", "ended"]
@@ -138,7 +137,7 @@ class StatusRecorder:
         with self._lock:
             times, now = list(self._times_s), time.monotonic()
             steps_s = sorted(after - before for before, after in pairwise(times))
-            slow_s = steps_s[math.ceil(_SLOW_SHARE * len(steps_s)) - 1] if steps_s else 0.0
+            slow_s = _slow_step_s(steps_s)
             # Of a gap, the rate says nothing.
             usual_s = [step for step in steps_s if step <= max(STALE_S, STALE_FRAMES * slow_s)]
             taken_s = sum(usual_s)
@@ -170,3 +169,11 @@ class StatusRecorder:
         if self.is_lost:
             return "lost"
         return "running" if self.results else "starting"
+
+
+def _slow_step_s(steps_s: list[float]) -> float:
+    """A step that most do not exceed, of steps by their length; of few, one gap is no usual one."""
+    if not steps_s:
+        return 0.0
+    share = _SLOW_SHARE if len(steps_s) >= _FEW_STEPS else 0.5
+    return steps_s[int(share * (len(steps_s) - 1))]

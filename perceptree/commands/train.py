@@ -49,7 +49,7 @@ def train(
     from perceptree.training import train as run_training
     from perceptree.training.branching import BranchedRun
 
-    branched = None if start.branch is None else BranchedRun.read(start.branch)
+    branched = None if start.branch is None else BranchedRun.read(_settings_of(start.branch, out))
     spec = model.spec(init, branched)
     settings = train_settings(spec, learned, start, schedule, branched)
     # Only one of torchrun's processes prints.
@@ -74,6 +74,14 @@ def train(
         )
     if is_main:
         _print_result(report, data, as_json)
+
+
+def _settings_of(branch: Path, out: Path) -> Path:
+    """The folder that tells a branch its settings: that of the run, or once it is gone its own."""
+    from perceptree.training.state import STATE_NAME
+
+    is_gone = not (branch / STATE_NAME).is_file()
+    return out if is_gone and (out / STATE_NAME).is_file() else branch
 
 
 def _print_result(report: TrainReport, data: Path, as_json: bool) -> None:

@@ -312,10 +312,11 @@ def train_settings(
     changes: dict[str, Any] = {}
     for group in (data, start, schedule):
         changes |= given(group, TrainSettings)
+    before = {} if branched is None else branched.values
     if data.mix is not None:
-        changes.setdefault("mix_share", _MIX_SHARE)
+        changes.setdefault("mix_share", before.get("mix_share") or _MIX_SHARE)
     recipe = schedule.recipe or ("paper" if is_paper(spec) else "scratch")
-    if is_paper(spec) and start.init is not None:
+    if is_paper(spec) and start.init is not None and branched is None:
         changes = PAPER_FREEZING | changes
     if "minutes" not in changes and "steps" not in changes:
         changes["steps"] = PAPER_STEPS if recipe == "paper" else _STEPS
@@ -324,7 +325,15 @@ def train_settings(
     changes["schedule"] = "decay"
     if schedule.recipe is not None:
         return recipe_settings(recipe, **{"learning_rate": branched.learning_rate} | changes)
-    return branched.settings(**{"mix_share": 0.0} | changes)
+    return branched.settings(**{"mix_share": 0.0, **_usual(recipe), **changes})
+
+
+def _usual(recipe: str) -> dict[str, Any]:
+    """What a recipe says of the settings that a branch does not take from its run."""
+    from perceptree.training import RECIPES
+
+    name = "evaluate_every_steps"
+    return {name: RECIPES[recipe][name]} if name in RECIPES[recipe] else {}
 
 
 def is_paper(spec: ModelSpec) -> bool:

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.files.json import build
+from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec
+from perceptree.models.spec import SpecError
 from perceptree.settings.training import EXTENDABLE_SETTINGS, TrainSettings
-from perceptree.training.state import read_identity
+from perceptree.training.state import STATE_NAME, read_identity
 
+_NEEDED: Final = ("model settings", "settings")
 _OWN: Final = (*EXTENDABLE_SETTINGS, "schedule", "seed")
 """Settings that a branch does not take from the run."""
 
@@ -35,11 +38,19 @@ class BranchedRun:
         """Read it from the state of a run.
 
         Raises:
-            CheckpointError: If the folder has no state, or it is unreadable.
+            CheckpointError: If the folder has no state, or it is unreadable or lacks them.
         """
         identity = read_identity(folder)
+        missing = [group for group in _NEEDED if group not in identity]
+        if missing:
+            raise CheckpointError(
+                f"{folder / STATE_NAME}: not a readable training state ({missing[0]} are missing)"
+            )
         values = {name: value for name, value in identity["settings"].items() if name not in _OWN}
-        return cls(folder, ModelSpec.from_dict(identity["model settings"]), values)
+        try:
+            return cls(folder, ModelSpec.from_dict(identity["model settings"]), values)
+        except SpecError as error:
+            raise CheckpointError(f"{folder / STATE_NAME}: {error}") from error
 
     @property
     def learning_rate(self) -> float:

@@ -95,7 +95,7 @@ def _read_image(
             group = shape.get("group_id")
             keys = [key, ("group", group)] if group else [key]
             shapes.add_region(shape.get("label", ""), region, keys)
-        elif shape.tag != "tag":
+        elif shape.tag not in ("tag", "attribute"):
             others[shape.tag] += 1
 
 

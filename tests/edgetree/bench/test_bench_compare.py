@@ -67,9 +67,17 @@ def test_lost_accuracy_on_the_same_frames_is_a_regression() -> None:
     found = compare(timed(20.0, accuracy=ACCURACY), timed(20.0, accuracy=other))
     assert not found.rows[0].regressed
     (line,) = found.lines()
-    assert line.endswith(f"accuracy not compared: of {ACCURACY['frames']}, then of other frames")
+    assert line.endswith("not compared: of 400 frames of the preset test, then of other frames")
     (line,) = compare(timed(20.0, accuracy=ACCURACY), timed(20.0)).lines()
-    assert line.endswith(f"accuracy not compared: of {ACCURACY['frames']}, then not known")
+    assert line.endswith("accuracy not compared: of 400 frames of the preset test, then not known")
+
+
+def test_the_date_of_a_card_does_not_keep_accuracy_from_being_compared() -> None:
+    frames = "400 frames of the preset test"
+    before = {**ACCURACY, "frames": f"{frames}, 2026-11-24"}
+    worse = {**ACCURACY, "box_ap": 1.0, "frames": frames}
+    (row,) = compare(timed(20.0, accuracy=before), timed(20.0, accuracy=worse)).rows
+    assert row.regressed
 
 
 def test_a_row_that_is_there_twice_is_refused() -> None:

@@ -51,6 +51,18 @@ def test_gaps_are_not_in_the_rate_nor_in_what_is_slow(clock: list[float]) -> Non
     assert (found.rate_hz, found.slow_frame_s) == (pytest.approx(15), pytest.approx(1 / 15))
 
 
+@pytest.mark.parametrize("parts", [(5, 3), (3, 5), (5, 5, 5)])
+def test_gaps_among_the_first_results_hide_no_silence(
+    clock: list[float], parts: tuple[int, ...]
+) -> None:
+    recorder = StatusRecorder()
+    for count in parts:
+        add(recorder, clock, count, 0.1)
+        clock[0] += 600.0
+    found = recorder.status(0, {})
+    assert (found.rate_hz, found.slow_frame_s) == (pytest.approx(10), pytest.approx(0.1))
+
+
 def test_a_slow_camera_has_its_rate(clock: list[float]) -> None:
     recorder = StatusRecorder()
     add(recorder, clock, 20, 10.0)
@@ -61,7 +73,7 @@ def test_a_slow_camera_has_its_rate(clock: list[float]) -> None:
 
 def test_pauses_of_a_source_that_comes_in_bursts_are_usual(clock: list[float]) -> None:
     recorder = StatusRecorder()
-    for _ in range(6):
+    for _ in range(8):
         add(recorder, clock, 3, 0.1)
         clock[0] += 5.0
     found = recorder.status(0, {})

@@ -9,6 +9,7 @@ from urllib.error import URLError
 
 import pytest
 import timm
+import torch
 from narrow_networks import narrow_spec
 from torchvision.models._api import WeightsEnum
 
@@ -347,7 +348,8 @@ def test_a_branch_has_the_model_and_settings_of_its_run_and_its_rate_falls(
 ) -> None:
     spec = narrow_spec("rgb", 96, 160, mask_score_weight=0.3)
     given = {"learning_rate": 0.0003, "batch": 4, "frozen_norms": True, "backbone_rate_share": 0.5}
-    write_run(tmp_path / "run", spec, recipe_settings("varied", steps=9, seed=7, **given))
+    mixed_run = recipe_settings("varied", steps=9, seed=7, mix_share=0.25, **given)
+    write_run(tmp_path / "run", spec, mixed_run)
     found = asked("--branch", tmp_path / "run", "--minutes", 20)
     assert (found.branch, found.spec) == (tmp_path / "run", spec)
     decay = {"minutes": 20.0, "schedule": "decay"}
@@ -356,5 +358,34 @@ def test_a_branch_has_the_model_and_settings_of_its_run_and_its_rate_falls(
     assert changed.settings == recipe_settings(
         "varied", **given | {"backbone_rate_share": 0.1}, **decay
     )
+    Path("general").mkdir()
+    mixed = asked("--branch", tmp_path / "run", "--mix", "general", "--minutes", 20)
+    assert mixed.settings.mix_share == 0.25
     scratch = asked("--branch", tmp_path / "run", "--recipe", "scratch", "--minutes", 20)
     assert scratch.settings == recipe_settings("scratch", learning_rate=0.0003, **decay)
+
+
+def test_a_branch_whose_run_is_gone_is_resumed(asked: Callable[..., Asked]) -> None:
+    spec = narrow_spec("rgb", 96, 160)
+    own = recipe_settings("scratch", steps=9, schedule="decay", learning_rate=0.0003)
+    write_run(Path("run"), spec, own)
+    found = asked("--branch", "gone", "--steps", 9)
+    assert (found.spec, found.settings) == (spec, own)
+
+
+@pytest.mark.parametrize("group", ["settings", "model settings"])
+def test_a_state_that_lacks_what_a_branch_needs_is_one_line(
+    call: Call, tmp_path: Path, group: str
+) -> None:
+    spec = narrow_spec("rgb", 96, 160)
+    write_run(tmp_path / "run", spec, recipe_settings("scratch", steps=9))
+    state = torch.load(tmp_path / "run/state.pt")
+    identity = json.loads(state["identity"])
+    del identity[group]
+    torch.save({**state, "identity": json.dumps(identity)}, tmp_path / "run/state.pt")
+    (tmp_path / "data").mkdir()
+    given = ("--out", tmp_path / "out", "--branch", tmp_path / "run")
+    code, _, err = call("train", tmp_path / "data", *given)
+    assert code == 2
+    assert f"state.pt: not a readable training state ({group} are missing)" in err
+    assert len(err.splitlines()) == 1
