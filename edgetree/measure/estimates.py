@@ -312,6 +312,7 @@ class TreeMeasurement:
             cut_point_m=failure,
             cut_point_machine_m=failure,
             axis=failure,
+            section_m=failure,
         )
 
     def to_dict(self) -> dict[str, JsonValue]:
