@@ -115,7 +115,7 @@ class DepthErrors(TypedDict):
 
 
 class RecordingFrame(TypedDict):
-    """Camera, vertical and noise of a frame of a recording, to the last digit."""
+    """Images, camera, vertical and noise of a frame of a recording, to the last digit."""
 
     schema: Literal["edgetree.recording.frame/1"]
     stamp_ns: int
@@ -123,6 +123,7 @@ class RecordingFrame(TypedDict):
     up_camera: Triple | None
     depth_noise: NotRequired[DepthErrors | None]
     rotation_deg: NotRequired[Literal[0, 90, 180, 270] | None]
+    images: NotRequired[list[Literal["colour", "depth"]]]
 
 
 class RecordedModel(TypedDict):
