@@ -1,4 +1,4 @@
-"""Numbers with their noun, for messages."""
+"""Words of messages: numbers with their noun, and lines of one kind."""
 
 from __future__ import annotations
 

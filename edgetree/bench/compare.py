@@ -142,7 +142,7 @@ def _by_key(result: StoredResult, name: str) -> dict[str, StoredRow]:
         count = sum(row.key == key for row in result.rows)
         if count > 1:
             raise InputError(
-                f"{name} has {count} rows of {key}: expected one, as of files with different names"
+                f"{name} has {count} rows of {key}: expected one of each model file and setting"
             )
     return rows
 

@@ -42,8 +42,8 @@ class LiveStatus:
         silent_s: Time since the last result, s.
         busy_s: How long a stage, or the caller, has worked on the frame that it has, s.
         fault: Why the source is lost; empty if it is not.
-        slow_frame_s: Time between two results that nine of ten of the last 50 do not exceed, or of
-            the first 20 half, s; 0 before the second.
+        slow_frame_s: Time between two results that 90 % of the last 50 do not exceed, s; of fewer
+            than 20 the median; 0 before the second.
     """
 
     state: Literal["starting", "running", "lost", "ended"]
@@ -172,7 +172,11 @@ class StatusRecorder:
 
 
 def _slow_step_s(steps_s: list[float]) -> float:
-    """A step that most do not exceed, of steps by their length; of few, one gap is no usual one."""
+    """The step that 90 % do not exceed, or the median of few, which a gap cannot move.
+
+    Args:
+        steps_s: Times between results, the shortest first, s.
+    """
     if not steps_s:
         return 0.0
     share = _SLOW_SHARE if len(steps_s) >= _FEW_STEPS else 0.5

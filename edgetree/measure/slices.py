@@ -110,7 +110,8 @@ def _weighed_arrays(
 ) -> tuple[Float, Float]:
     """The mean weighed by variances, and its deviation by Birge's ratio.
 
-    `shared_std` is part of `first_std` and stays as it is; the least of the rest is a tenth.
+    `shared_std` is the part of `first_std` that both share; it is added again at the end. What is
+    left of `first_std` without it counts as a tenth of it at least.
     """
     own_std = np.sqrt(np.maximum(first_std**2 - shared_std**2, (0.1 * first_std) ** 2))
     weight = np.array([1 / own_std**2, 1 / second_std**2])
@@ -121,7 +122,13 @@ def _weighed_arrays(
 
 
 def _following(diameter: Estimate, section: Estimate, weighed: Estimate) -> Estimate:
-    """The diameter at the cut when that of its section has become a better one."""
+    """The diameter at the cut after that of its section was weighed with a circle.
+
+    Args:
+        diameter: At the cut, inferred from the section.
+        section: Of the section by the outline alone.
+        weighed: Of the section by outline and circle.
+    """
     growth = diameter.value / section.value
     inferred_var = max(diameter.std**2 - (growth * section.std) ** 2, 0.0)
     std = math.sqrt((growth * weighed.std) ** 2 + inferred_var)

@@ -38,7 +38,8 @@ class BranchedRun:
         """Read it from the state of a run.
 
         Raises:
-            CheckpointError: If the folder has no state, or it is unreadable or lacks them.
+            CheckpointError: If the folder has no state, or it is unreadable, or the model or the
+                settings are missing in it.
         """
         identity = read_identity(folder)
         missing = [group for group in _NEEDED if group not in identity]
