@@ -40,7 +40,7 @@ def write_files(folder: Path, result: CheckResult, style: CsvStyle = PLAIN) -> l
         style: How the table of matched stems is written.
 
     All files are written, or none. `settings.json` is written in every case; it has no settings if
-    none were fitted.
+    none were fitted. Plots of an earlier check that this one does not make are removed.
 
     Returns:
         The paths of the files.
@@ -58,7 +58,11 @@ def write_files(folder: Path, result: CheckResult, style: CsvStyle = PLAIN) -> l
         for path, check in zip(plots, result.quantities.values(), strict=True):
             file = stack.enter_context(replacing(path))
             file.write(encode_picture(draw_check(check), path.suffix))
-    return [folder / TABLE_FILE, *plots, settings]
+    written = [folder / TABLE_FILE, *plots, settings]
+    for path in check_files(folder):
+        if path not in written and path.is_file():
+            path.unlink()
+    return written
 
 
 def _plot_name(quantity: str) -> str:

@@ -37,8 +37,13 @@ _Out: TypeAlias = Annotated[
     typer.Option(help="Folder for plots, the table of matched stems and the fitted settings."),
 ]
 _MaxDistance: TypeAlias = Annotated[
-    float,
-    typer.Option(metavar="M", help="Largest distance between two positions of one stem, metres."),
+    float | None,
+    typer.Option(
+        metavar="M",
+        help="Largest distance between two positions of one stem, metres. Only for tables that are"
+        " matched by position.",
+        show_default="0.5",
+    ),
 ]
 
 
@@ -47,7 +52,7 @@ def check(
     measured: _Measured,
     caliper: _Caliper,
     out: _Out = None,
-    max_distance: _MaxDistance = 0.5,
+    max_distance: _MaxDistance = None,
     *,
     csv_options: CsvOptions,
     as_json: Json = False,
@@ -64,10 +69,11 @@ def check(
     from basetree.files.places import check_paths
     from basetree.files.writing import output_folder
     from edgetree.check import compare, read_caliper, read_measured
+    from edgetree.check.acceptance import MAX_DISTANCE_M
     from edgetree.check.files import check_files, write_files
     from edgetree.check.report import report_lines
 
-    if not (math.isfinite(max_distance) and max_distance > 0):
+    if max_distance is not None and not (math.isfinite(max_distance) and max_distance > 0):
         raise InputError(f"--max-distance is {max_distance}: expected metres above 0")
     style = csv_options.style(out)
     files = [] if out is None else check_files(out)
@@ -75,7 +81,17 @@ def check(
         {f"{path.name} of --out": path for path in files},
         {"MEASURED.csv": measured, "CALIPER.csv": caliper},
     )
-    result = compare(read_measured(measured), read_caliper(caliper), max_distance_m=max_distance)
+    result = compare(
+        read_measured(measured),
+        read_caliper(caliper),
+        max_distance_m=MAX_DISTANCE_M if max_distance is None else max_distance,
+    )
+    if max_distance is not None and result.matching.by == "number":
+        raise InputError(
+            f"--max-distance is {max_distance:g}: {caliper} numbers its stems in the column tree,"
+            " and these are matched by number; expected a table without that column, or the command"
+            " without --max-distance"
+        )
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(output_folder(out))
         written = [] if folder is None else write_files(folder, result, style)

@@ -169,6 +169,10 @@ def test_circumferences_are_noticed(run_cli: Cli, folder: Path) -> None:
         (("caliper.csv", "trees.csv"), "caliper.csv has no column diameter_m: expected the table"),
         (("trees.csv", "none.csv"), "none.csv: no such file"),
         (("trees.csv", "caliper.csv", "--max-distance", 0), "--max-distance is 0.0: expected met"),
+        (
+            ("trees.csv", "caliper.csv", "--max-distance", 0.3),
+            "--max-distance is 0.3: caliper.csv numbers its stems in the column tree",
+        ),
         (("trees.csv", "trees.csv"), "trees.csv is a machine's table: expected the readings"),
         (("trees.csv", "empty.csv"), "empty.csv: the first line has fewer than two columns"),
         (("trees.csv", "caliper.csv", "--out", "trees.csv"), "output folder trees.csv cannot be"),
@@ -192,6 +196,16 @@ def test_the_output_does_not_overwrite_an_input(run_cli: Cli, folder: Path) -> N
     assert done.code == 2
     assert "matched.csv, which is MEASURED.csv matched.csv too: expected another path" in done.err
     assert (folder / "matched.csv").read_bytes() == before
+
+
+def test_a_plot_of_an_earlier_check_does_not_stay(run_cli: Cli, folder: Path) -> None:
+    run_cli(*CHECK, "--out", "out")
+    Path("out/dbh.png").write_bytes(Path("out/diameter.png").read_bytes())
+    Path("out/notes.png").touch()
+    assert run_cli(*CHECK, "--out", "out").code == 0
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "diameter.png", "matched.csv", "notes.png", "settings.json"
+    ]  # fmt: skip
 
 
 def test_one_stem_is_told_how_many_more_are_needed(run_cli: Cli, folder: Path) -> None:
