@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from basetree.arrays import Float, UInt8
 from calib.errors import CameraError
+from calib.shrinking import shrink
 
 
 @dataclass(frozen=True)
@@ -91,12 +92,11 @@ class Letterbox:
                 f"the image is {image.shape[1]}x{image.shape[0]} px: expected"
                 f" {self.source_width}x{self.source_height}"
             )
-        shrinking = self.resized_width < self.source_width
-        resized = cv2.resize(
-            image,
-            (self.resized_width, self.resized_height),
-            interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_LINEAR,
-        )
+        size = (self.resized_width, self.resized_height)
+        if self.resized_width < self.source_width:
+            resized = shrink(image, *size)
+        else:
+            resized = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
         padded = np.full((self.height, self.width, *image.shape[2:]), pad_value, np.uint8)
         padded[: self.resized_height, : self.resized_width] = resized
         return padded

@@ -1,11 +1,13 @@
 """Letterboxing: size, position, padding, and mapping of points."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from calib import CameraError, Letterbox
+from calib.shrinking import shrink
 
 
 @pytest.mark.parametrize(
@@ -45,6 +47,32 @@ def test_shrinking_averages_areas() -> None:
     stripes = np.tile(np.array([0, 0, 0, 200], np.uint8), (8, 4))
     shrunk = Letterbox.fit(16, 8, 4, 2).apply(stripes, 0)
     assert (shrunk == 50).all()
+
+
+@pytest.mark.parametrize(
+    ("size", "shrunk"),
+    [
+        ((1280, 720), (800, 450)),
+        ((1920, 1080), (800, 450)),
+        ((120, 96), (75, 90)),
+        ((1280, 720), (640, 360)),
+        ((848, 480), (800, 453)),
+        ((333, 720), (178, 384)),
+        ((7, 5), (3, 5)),
+        ((6, 9), (6, 1)),
+    ],
+)
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_shrinking_gives_what_opencv_gives(
+    size: tuple[int, int], shrunk: tuple[int, int], channels: tuple[int, ...]
+) -> None:
+    image = np.random.default_rng(1).integers(0, 256, (*size[::-1], *channels), np.uint8)
+    found = shrink(image, *shrunk)
+    expected = cv2.resize(image, shrunk, interpolation=cv2.INTER_AREA)
+    assert (found.dtype, found.shape) == (np.uint8, (*shrunk[::-1], *channels))
+    off = np.abs(found.astype(int) - expected)
+    assert off.max() <= 1  # means half way between two levels
+    assert (off > 0).mean() < 0.005
 
 
 def test_enlarging_interpolates() -> None:
