@@ -39,11 +39,17 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """Create the camera; `fisheye_model` 1 means the fisheye model."""
-    model = FISHEYE if flag(values, "fisheye_model") else RADTAN
-    terms = numbers(values, one_of(values, *_TERMS))
+    """Create the camera; `fisheye_model` 1, or a `distortion_model`, names the model."""
+    model, lens = _lens(values, numbers(values, one_of(values, *_TERMS)))
+    return camera(size(values), matrix(values, one_of(values, *_MATRIX)), lens, model)
+
+
+def _lens(values: Values, terms: Sequence[float]) -> tuple[str, Sequence[float]]:
+    """Return the model that the file names, radial-tangential if it names none, and its terms."""
     _tell_if_unsure(values, terms)
-    return camera(size(values), matrix(values, one_of(values, *_MATRIX)), terms, model)
+    if flag(values, "fisheye_model"):
+        return FISHEYE, terms
+    return lens_of("distortion_model", values.get("distortion_model", RADTAN), terms)
 
 
 def _tell_if_unsure(values: Values, terms: Sequence[float]) -> None:
@@ -99,9 +105,5 @@ def _is_matrix(value: Any) -> bool:
 
 def build_side(values: Values) -> PinholeCamera:
     """Create the camera of one side; a `distortion_model` is used if there is one."""
-    terms = numbers(values, values["terms"])
-    _tell_if_unsure(values, terms)
-    model, lens = lens_of("distortion_model", values.get("distortion_model", "radtan"), terms)
-    if flag(values, "fisheye_model"):
-        model, lens = FISHEYE, terms
+    model, lens = _lens(values, numbers(values, values["terms"]))
     return camera(size(values), matrix(values, values["matrix"]), lens, model)

@@ -271,3 +271,19 @@ def test_four_terms_without_a_model_are_told(
     path = write(tmp_path, "camera.json", json.dumps(values | {"fisheye_model": 1}))
     assert load_camera(path).distortion_model == "fisheye"
     assert "4 terms" not in caplog.text
+
+
+@pytest.mark.parametrize("names", [("cameraMatrix", "distCoeffs"), ("M1", "D1")])
+def test_a_named_model_is_taken_under_all_names(tmp_path: Path, names: tuple[str, str]) -> None:
+    values = {
+        names[0]: [[600, 0, 320], [0, 600, 240], [0, 0, 1]],
+        names[1]: [0.01, 0.02, 0.003, 0.001],
+        "width": 640,
+        "height": 480,
+    }
+    path = write(tmp_path, "camera.json", json.dumps(values | {"distortion_model": "equidistant"}))
+    assert load_camera(path).distortion_model == "fisheye"
+    path = write(tmp_path, "camera.json", json.dumps(values | {"distortion_model": "plumb_bob"}))
+    assert load_camera(path).distortion_model == "radtan"
+    unknown = json.dumps(values | {"distortion_model": "ftheta"})
+    assert_refused(tmp_path, unknown, None, "distortion_model is 'ftheta'")
