@@ -193,6 +193,7 @@ def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any
     """The job, what starts a worker, and the cores that a worker keeps busy."""
     from basetree.errors import InputError
     from edgetree.catalogue import find_model
+    from edgetree.commands.frame_results import warnings_shown
     from edgetree.runtime.detector import TreeDetector
     from edgetree.shards.inputs import list_frames
     from edgetree.shards.work import BLOCK_FRAMES, FrameWork, frames_job, model_files
@@ -204,11 +205,12 @@ def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any
     given = {"threads": threads, "score_threshold": frames.score_threshold}
     loaded = {**session.load_options(), **given}
     model = find_model(frames.model)
-    TreeDetector.load(model, **loaded)  # a wrong file ends the command here
+    detector = TreeDetector.load(model, **loaded)  # a wrong file ends the command here
     typed = [place for place in (frames.source, frames.depth) if place is not None]
     source = _seen(frames.source, ray)
     depth = None if frames.depth is None else _seen(frames.depth, ray)
-    listed = list_frames(source, depth)
+    with warnings_shown():
+        listed = list_frames(source, depth, takes_depth=detector.manifest.takes_depth)
     work = FrameWork(
         source,
         depth,

@@ -12,17 +12,22 @@ from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from basetree.errors import InputError
-from basetree.files.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
-from basetree.jobs import LocalStore, Store, fetch, open_store
+from basetree.files.names import VIDEO_SUFFIXES
+from basetree.jobs import LocalStore, Store, fetch, is_url, open_store
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.sources.bags.names import BAG_SUFFIXES
-from edgetree.sources.depth_pairing import depth_names, frame_names
+from edgetree.sources.bags.names import BAG_SUFFIXES, storage_files
+from edgetree.sources.depth_pairing import COLOUR_FOLDERS, depth_names, frame_names
+from edgetree.sources.drive import is_drive
 from edgetree.sources.files import open_image_files
+from edgetree.sources.folders import depth_alone, folder_files, has_images
 from edgetree.sources.opening import open_frames
+from edgetree.sources.phones.opening import is_capture
+from edgetree.sources.picture_names import image_suffixes, in_order, with_files
 from edgetree.sources.source import FrameSource
 
 _RECORDINGS: Final = (*VIDEO_SUFFIXES, *BAG_SUFFIXES)
+_METADATA: Final = "metadata.yaml"  # of the folder of a ROS 2 bag, whose files are one recording
 
 
 class _Entry(NamedTuple):
@@ -53,7 +58,8 @@ class FrameFiles:
         source: Folder or URL.
         depth: Folder or URL of the depth images; None if there are none.
         entries: The files by name.
-        are_recordings: Whether the files are videos or recordings of ROS.
+        are_recordings: Whether the files are videos, recordings of ROS, captures or drives.
+        are_depth: Whether the images are depth images instead of colour images.
         missing_depth: Names of depth files that do not exist.
     """
 
@@ -61,6 +67,7 @@ class FrameFiles:
     depth: Store | None
     entries: tuple[_Entry, ...]
     are_recordings: bool
+    are_depth: bool = False
     missing_depth: frozenset[str] = frozenset()
 
     @property
@@ -69,16 +76,13 @@ class FrameFiles:
         return hashlib.sha256(json.dumps(self.entries).encode("utf-8", "replace")).hexdigest()
 
     @contextmanager
-    def frames(
-        self, start: int, count: int, rig: Rig, *, depth_only: bool
-    ) -> Iterator[FramesOfUnit]:
+    def frames(self, start: int, count: int, rig: Rig) -> Iterator[FramesOfUnit]:
         """Open some of the files; those at a URL are copied to this machine meanwhile.
 
         Args:
             start: Number of the first file.
             count: Number of files.
             rig: Cameras and depth unit.
-            depth_only: Whether the files contain depth images instead of colour images.
 
         Raises:
             InputError: a recording cannot be read. Iterating may raise it for a frame and then go
@@ -104,7 +108,7 @@ class FrameFiles:
                 (e.name, images / e.file, depths / e.depth if depths and e.depth else None)
                 for e in entries
             ]
-            opened = open_image_files(files, depth_only=depth_only, rig=rig)
+            opened = open_image_files(files, depth_only=self.are_depth, rig=rig)
             yield FramesOfUnit(iter(opened), folders, opened)
 
 
@@ -116,55 +120,108 @@ def _here(store: Store, names: list[str], folder: Path) -> Path:
     return folder
 
 
-def list_frames(source: Path, depth: Path | None) -> FrameFiles:
+def list_frames(source: Path, depth: Path | None, *, takes_depth: bool = False) -> FrameFiles:
     """List the files of a folder or URL: images with their depth images, or recordings.
+
+    Images of a folder on this machine, their order and their depth are those of `open_source`. A
+    ROS 2 bag, a drive or the capture of a phone is one recording.
 
     Args:
         source: Folder or URL of images or of recordings; or one recording.
         depth: Folder or URL with a depth image of the same stem for each image.
+        takes_depth: Whether images without depth are depth themselves, as the model takes it.
 
     Raises:
         InputError: There are no images or recordings, or no image has depth.
         StoreError: a place cannot be read.
     """
-    if source.suffix.lower() in _RECORDINGS and source.is_file():
-        entry = _Entry(source.stem, source.name, None, (source.stat().st_size, None))
+    if _is_one_recording(source):
+        if depth is not None:
+            raise InputError(f"--depth given for the recording {source}: expected images")
+        entry = _Entry(source.stem, source.name, None, (_bytes_of(source), None))
         return FrameFiles(LocalStore(source.parent), None, (entry,), are_recordings=True)
     store = open_store(source)
     sizes = store.sizes("")
-    files = sorted(
-        name
-        for name in sizes
-        if not name.startswith(".") and _suffix(name) in (*IMAGE_SUFFIXES, *_RECORDINGS)
-    )
-    images = [name for name in files if _suffix(name) in IMAGE_SUFFIXES]
-    if not files:
+    named = [name for name in sizes if not name.startswith(".")]
+    images = [name for name in named if _suffix(name) in image_suffixes()]
+    recordings = sorted(name for name in named if _suffix(name) in _RECORDINGS)
+    is_here = source.is_dir() and (depth is None or not is_url(depth))
+    if is_here and (images or (not recordings and _has_pictures_inside(source, depth))):
+        return _of_folder(source, depth, takes_depth)
+    if not images and not recordings:
         raise InputError(
             f"source {store.where} has no images and no recordings: expected"
-            f" {', '.join((*IMAGE_SUFFIXES, *_RECORDINGS))}"
+            f" {', '.join((*image_suffixes(), *_RECORDINGS))}"
         )
     if not images:
         if depth is not None:
             raise InputError(f"--depth given for recordings in {store.where}: expected images")
         entries = tuple(
-            _Entry(PurePosixPath(name).stem, name, None, (sizes[name], None)) for name in files
+            _Entry(PurePosixPath(name).stem, name, None, (sizes[name], None)) for name in recordings
         )
         return FrameFiles(store, None, entries, are_recordings=True)
-    depths: list[str | None] = [None] * len(images)
-    depth_store, missing = None, frozenset[str]()
-    depth_sizes: dict[str, int] = {}
-    paths = [PurePosixPath(name) for name in images]
-    if depth is not None:
-        depth_store = open_store(depth)
-        depth_sizes = depth_store.sizes("")
-        paired = depth_names(paths, depth_sizes, store.where, depth_store.where)
-        depths, missing = [*paired.names], paired.missing
-    bytes_ = [
-        (sizes[image], None if depth is None else depth_sizes.get(depth))
-        for image, depth in zip(images, depths, strict=True)
-    ]
-    entries = tuple(map(_Entry, frame_names(paths), images, depths, bytes_))
-    return FrameFiles(store, depth_store, entries, are_recordings=False, missing_depth=missing)
+    paths = in_order(map(PurePosixPath, images))
+    if depth is None:
+        entries = tuple(
+            _Entry(name, path.name, None, (sizes[path.name], None))
+            for name, path in zip(frame_names(paths), paths, strict=True)
+        )
+        return FrameFiles(store, None, entries, are_recordings=False, are_depth=takes_depth)
+    depth_store = open_store(depth)
+    depth_sizes = depth_store.sizes("")
+    paired = depth_names(paths, depth_sizes, store.where, depth_store.where)
+    entries = tuple(
+        _Entry(name, path.name, other, (sizes[path.name], depth_sizes.get(other)))
+        for name, path, other in zip(frame_names(paths), paths, paired.names, strict=True)
+    )
+    return FrameFiles(
+        store, depth_store, entries, are_recordings=False, missing_depth=paired.missing
+    )
+
+
+def _is_one_recording(source: Path) -> bool:
+    if source.is_dir():
+        is_bag = (source / _METADATA).is_file() and bool(storage_files(source))
+        return is_drive(source) or is_capture(source) or (is_bag and not has_images(source))
+    return source.suffix.lower() in _RECORDINGS and source.is_file()
+
+
+def _bytes_of(path: Path) -> int:
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def _has_pictures_inside(folder: Path, depth: Path | None) -> bool:
+    """Whether a folder without pictures holds a folder of them, or depth alone."""
+    inside = with_files(folder, COLOUR_FOLDERS, image_suffixes())
+    return has_images(inside) or depth_alone(folder, depth) is not None
+
+
+def _of_folder(folder: Path, depth: Path | None, takes_depth: bool) -> FrameFiles:
+    """The images of a folder of this machine, with their depth images."""
+    alone = depth_alone(folder, depth)
+    if alone is not None:
+        folder, depth, takes_depth = alone, None, True
+    files = folder_files(folder, depth, depth_only=depth is None and takes_depth)
+    names = frame_names([path for path, _ in files])
+    depths = [depth for _, depth in files if depth is not None]
+    entries = tuple(
+        _Entry(
+            name,
+            path.name,
+            None if depth is None else depth.name,
+            (_bytes_of(path), None if depth is None or not depth.is_file() else _bytes_of(depth)),
+        )
+        for name, (path, depth) in zip(names, files, strict=True)
+    )
+    return FrameFiles(
+        LocalStore(files[0][0].parent),
+        LocalStore(depths[0].parent) if depths else None,
+        entries,
+        are_recordings=False,
+        are_depth=not depths and takes_depth and depth is None,
+        missing_depth=frozenset(depth.name for depth in depths if not depth.is_file()),
+    )
 
 
 def _suffix(name: str) -> str:

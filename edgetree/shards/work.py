@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import logging
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -69,21 +71,21 @@ class FrameWork:
         """
         from edgetree.runtime.detector import TreeDetector
 
-        files = list_frames(self.source, self.depth)
+        with tempfile.TemporaryDirectory() as folder:
+            detector = TreeDetector.load(self._model_here(Path(folder)), **self.session)
+        with _without_warnings():  # the command that started this has told them
+            files = list_frames(self.source, self.depth, takes_depth=detector.manifest.takes_depth)
         if files.digest != self.files_sha256:
             raise JobError(
                 f"source {files.source.where}: a worker sees other files than the command that"
                 " started it; expected a folder that all machines share, or a URL, that does not"
                 " change meanwhile"
             )
-        with tempfile.TemporaryDirectory() as folder:
-            detector = TreeDetector.load(self._model_here(Path(folder)), **self.session)
         block = 1 if files.are_recordings else BLOCK_FRAMES
-        depth_only = self.depth is None and detector.manifest.takes_depth
 
         def work(unit: int) -> bytes:
             start = unit * block
-            with files.frames(start, block, self.rig, depth_only=depth_only) as opened:
+            with files.frames(start, block, self.rig) as opened:
                 part = self._part(opened, detector, follows=files.are_recordings)
                 return json.dumps(part, allow_nan=False).encode()
 
@@ -114,7 +116,7 @@ class FrameWork:
         """
         table, profiles = io.StringIO(newline=""), io.StringIO(newline="")
         records, left_out = [], []
-        shown = {here: self.shown.get(where, where) for here, where in opened.folders.items()}
+        shown = {here: _as_shown(where, self.shown) for here, where in opened.folders.items()}
         stems, views = (PictureTracker(), StemViews()) if follows else (None, None)
         for outcome in self._outcomes(opened.frames, detector, views):
             if isinstance(outcome, FrameResult):
@@ -146,6 +148,17 @@ class FrameWork:
                 return
             except InputError as error:
                 yield error
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    log = logging.getLogger("edgetree.sources")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _as_shown(text: str, shown: Mapping[str, str]) -> str:

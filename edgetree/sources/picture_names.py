@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Final
+from pathlib import Path, PurePath
+from typing import Final, TypeVar
 
 from basetree.counts import counted
 from basetree.errors import InputError, install_hint
@@ -13,6 +13,8 @@ from basetree.files.headers import heif
 from basetree.files.names import DEPTH_SUFFIXES, HEIF_SUFFIXES, IMAGE_SUFFIXES
 from basetree.files.picture_size import has_deep_grey
 from edgetree.sources.depth_pairing import depth_names, is_depth_name
+
+_P = TypeVar("_P", bound=PurePath)
 
 # Not the digits after a decimal point, such as those of time stamps.
 _LAST_NUMBER: Final = re.compile(r"((?:.*[^0-9.])?)([0-9]{1,18})([^0-9]*)", re.DOTALL)
@@ -69,7 +71,7 @@ def heic_words(names: Sequence[str]) -> str:
     )
 
 
-def in_order(paths: Iterable[Path]) -> list[Path]:
+def in_order(paths: Iterable[_P]) -> list[_P]:
     """Sort paths by name, or by the last number if the names differ in it alone: 2 is before 10."""
     by_name = sorted(paths)
     found = [_LAST_NUMBER.fullmatch(path.name) for path in by_name]
