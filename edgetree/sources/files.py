@@ -85,7 +85,7 @@ def open_source(
     if is_picture(path) or (depth_only and path.suffix.lower() == ARRAY_SUFFIX):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
-        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
+        return ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
     if depth is not None or depth_only:
         raise InputError(
             f"source {path} is not an image: expected an image or a folder, as depth is used; depth"
@@ -113,7 +113,7 @@ def open_image_files(
         The frames; iterating is as for `open_source`.
     """
     upright = upright and rig.camera is None
-    return _ImageFrames(counted(len(files), "image"), files, depth_only, rig, upright)
+    return ImageFrames(counted(len(files), "image"), files, depth_only, rig, upright)
 
 
 def open_files(
@@ -176,11 +176,15 @@ def _open_folder(
     names = frame_names([path for path, _ in files])
     named = [(name, *file) for name, file in zip(names, files, strict=True)]
     is_depth = depth_only and not any(depth for _, depth in files)
-    return _ImageFrames(str(folder), named, is_depth, rig, upright)
+    return ImageFrames(str(folder), named, is_depth, rig, upright)
 
 
-class _ImageFrames(BaseSource):
-    """Image files: (name, image file, depth file or None) of each."""
+class ImageFrames(BaseSource):
+    """Image files: (name, image file, depth file or None) of each.
+
+    Attributes:
+        names: The names of the frames, in their order.
+    """
 
     def __init__(
         self,
@@ -191,7 +195,7 @@ class _ImageFrames(BaseSource):
         upright: bool,
     ) -> None:
         super().__init__(name)
-        self.count = len(files)
+        self.count, self.names = len(files), [name for name, _, _ in files]
         self._files, self._depth_only, self._rig = files, depth_only, rig
         self._upright, self._has_told, self._told_depth = upright, False, False
 

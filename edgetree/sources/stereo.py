@@ -21,8 +21,9 @@ from edgetree.frames.frame import DepthNoise, Frame
 from edgetree.frames.rig import Rig, unit_vector
 from edgetree.sources.bags.pairing import StampCheck
 from edgetree.sources.bags.recording import open_recording
-from edgetree.sources.files import open_source
+from edgetree.sources.files import ImageFrames, open_source
 from edgetree.sources.source import BaseSource, FrameSource
+from edgetree.sources.videos import VideoFrames
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +40,10 @@ match at a third of their pixels and more, swapped ones at up to 2.6 %."""
 
 _LEAST_NOISE_M: Final = 0.001
 _DEFAULT_PERIOD_NS: Final = 1_000_000_000 // 30
+
+_LOST: Final = 0.75
+"""From this share of a period on, a step of one video beyond that of the other is a lost picture.
+Source: chosen; pictures are shown up to half a period late, and a lost one leaves a whole one."""
 
 _EXPECTED_PAIR: Final = (
     "expected two pictures of the same moment, left and right in their order, and their calibration"
@@ -106,8 +111,9 @@ def open_stereo(
 ) -> FrameSource:
     """Open two pictures, folders of pictures, or videos of a calibrated pair.
 
-    Pictures of two folders belong together by their order; they must be as many. Pixels are those
-    that the cameras stored.
+    Pictures of two folders belong together by their order; they must be as many, and have the same
+    names if they share any. Those of videos do, too, but for pictures that one of them lacks by its
+    time stamps. Pixels are those that the cameras stored.
 
     Args:
         left: Picture, folder or video of the left camera.
@@ -120,7 +126,8 @@ def open_stereo(
         frame that cannot be read raises `InputError`, after which iteration goes on.
 
     Raises:
-        InputError: A source is missing, or they have different numbers of pictures.
+        InputError: A source is missing, or they have different numbers of pictures, or share some
+            of their names.
     """
     sides = [open_source(path, upright=False) for path in (left, right)]
     first, second = (side.count for side in sides)
@@ -129,7 +136,25 @@ def open_stereo(
             f"{left} has {counted(first, 'picture')} and {right} has {second}:"
             " expected as many, in the same order"
         )
-    return _StereoFrames(f"{left} and {right}", sides, pair, rig or Rig())
+    name = f"{left} and {right}"
+    videos = [side for side in sides if isinstance(side, VideoFrames)]
+    if len(videos) == len(sides):
+        return _StereoVideos(name, videos, pair, rig or Rig())
+    _check_names(name, sides)
+    return _StereoFrames(name, sides, pair, rig or Rig())
+
+
+def _check_names(name: str, sides: list[FrameSource]) -> None:
+    """Raise InputError if pictures of the two sides share names, but not all of them."""
+    left, right = (side.names if isinstance(side, ImageFrames) else [] for side in sides)
+    if not set(left) & set(right):
+        return
+    for one, other in zip(left, right, strict=False):
+        if one != other:
+            raise InputError(
+                f"{name} have other names in their order, {one} of the left beside {other} of the"
+                " right: expected the same names, as each lacks pictures that the other has"
+            )
 
 
 def open_stereo_recording(
@@ -226,6 +251,41 @@ class _StereoFrames(BaseSource):
             except calib.CameraError as error:
                 raise calib.CameraError(f"{where}: {error}") from error
         return self._sized[size]
+
+
+class _StereoVideos(_StereoFrames):
+    """The frames of two videos, which stay in step behind a picture that one of them lacks."""
+
+    def __init__(self, name: str, sides: list[VideoFrames], pair: StereoPair, rig: Rig) -> None:
+        super().__init__(name, [*sides], pair, rig)
+        self._lost_s = _LOST / max(side.rate_hz for side in sides)
+
+    def _pairs(
+        self, left: Iterator[Frame], right: Iterator[Frame]
+    ) -> Iterable[tuple[Frame, Frame]]:
+        try:
+            yield from self._in_step(left, right)
+        finally:
+            self.counts |= Counter(self._sides[0].counts) + Counter(self._sides[1].counts)
+
+    def _in_step(
+        self, left: Iterator[Frame], right: Iterator[Frame]
+    ) -> Iterator[tuple[Frame, Frame]]:
+        apart_s = None
+        one, other = next(left, None), next(right, None)
+        while one is not None and other is not None:
+            now_s = one.stamp_s - other.stamp_s
+            apart_s = now_s if apart_s is None else apart_s
+            if abs(now_s - apart_s) < self._lost_s:
+                apart_s = now_s  # the two clocks may drift
+                yield one, other
+                one, other = next(left, None), next(right, None)
+            elif now_s < apart_s:
+                self.counts["left pictures without a right one"] += 1
+                one = next(left, None)
+            else:
+                self.counts["right pictures without a left one"] += 1
+                other = next(right, None)
 
 
 class _StereoRecording(_StereoFrames):

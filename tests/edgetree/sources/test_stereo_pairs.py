@@ -18,8 +18,9 @@ import calib
 from basetree.errors import InputError
 from calib.files.stereo import save_stereo
 from edgetree.detections import TreeDetections
-from edgetree.frames import Rig
+from edgetree.frames import Frame, Rig
 from edgetree.frames.pipeline import FoundTrees, measure_frame
+from edgetree.sources import stereo
 from edgetree.sources.source import readable
 from edgetree.sources.stereo import open_stereo, stereo_rig
 
@@ -204,3 +205,60 @@ def test_pictures_of_another_size_are_left_out(pair_folder: Path) -> None:
     next(frames)
     with pytest.raises(InputError, match=r"1\.png is 280x210 px: expected 560x420 px, like"):
         next(frames)
+
+
+def test_folders_that_lack_different_pictures_are_refused(pair_folder: Path) -> None:
+    """By their order, every picture from the first missing one on would be of another moment."""
+    for side in ("left", "right"):
+        for number in range(2, 5):
+            (pair_folder / side / f"{number}.png").write_bytes(b"content")
+    (pair_folder / "left" / "2.png").unlink()
+    (pair_folder / "right" / "3.png").unlink()
+    with pytest.raises(InputError, match="3 of the left beside 2 of the right: expected the same"):
+        open_stereo(pair_folder / "left", pair_folder / "right", bent_pair())
+
+
+@pytest.fixture
+def videos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Change to a folder with left.avi and right.avi, of ten frames that get lighter."""
+    monkeypatch.chdir(tmp_path)
+    for side in ("left", "right"):
+        writer = cv2.VideoWriter(f"{side}.avi", cv2.VideoWriter.fourcc(*"MJPG"), 10, (560, 420))
+        for number in range(10):
+            writer.write(np.full((420, 560, 3), 20 * number, np.uint8))
+        writer.release()
+    return tmp_path
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_videos_stay_in_step_behind_a_frame_that_cannot_be_decoded(
+    videos: Path, monkeypatch: pytest.MonkeyPatch, side: str
+) -> None:
+    path = videos / f"{side}.avi"
+    data = bytearray(path.read_bytes())
+    starts = [at for at in range(len(data)) if data.startswith(b"00dc", at)]
+    data[starts[4] + 8 : starts[5]] = bytes(starts[5] - starts[4] - 8)
+    path.write_bytes(data)
+    seen: list[tuple[int, int]] = []
+
+    def noted(left: Frame, right: np.ndarray, *_: object) -> Frame:
+        seen.append((round(left.picture().mean() / 20), round(right.mean() / 20)))
+        return left
+
+    monkeypatch.setattr(stereo, "stereo_frame", noted)
+    source = open_stereo("left.avi", "right.avi", bent_pair())
+    assert len(list(source)) == 9
+    assert seen == [(number, number) for number in range(10) if number != 3]
+    other = "right" if side == "left" else "left"
+    assert source.counts[f"{other} pictures without a {side} one"] == 1
+    assert source.counts["broken video frames"] == 1
+
+
+def test_a_video_that_is_cut_off_makes_no_whole_pair(run_cli: Cli, videos: Path) -> None:
+    save_stereo("pair.json", bent_pair())
+    data = (videos / "right.avi").read_bytes()
+    (videos / "right.avi").write_bytes(data[: len(data) // 2])
+    done = run_cli("run", "left.avi", "--right", "right.avi", "--camera", "pair.json")
+    assert done.code == 1
+    assert "1 ended early" in done.err
+    assert "is not complete, see above" in done.err
