@@ -96,7 +96,9 @@ class RayEngine:
         units = (unit for unit in range(job.units) if unit not in finished)
         run = _Run(self._ray, job, start, self._cores, progress, deque(units))
         run.to_the_end()
-        write_manifest(job, Shard(), run.digests)
+        # Of two workers that did the same unit, the second may have replaced the part of the first.
+        sure = {unit: each for unit, each in run.digests.items() if unit not in run.copied}
+        write_manifest(job, Shard(), sure)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a function in a process of the cluster, and return its result."""

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from basetree.jobs import Job, JobError, LocalStore, Progress
-from basetree.jobs.on_ray import _Run
+from basetree.jobs import Job, JobError, LocalStore, Progress, read_manifests
+from basetree.jobs.on_ray import RayEngine, _Run
+from basetree.jobs.running import do_unit
 
 
 class RayError(Exception):
@@ -144,6 +145,29 @@ def test_a_unit_that_two_workers_finish_counts_once(run: Any) -> None:
     done = run(ray)
     assert (ray.given.count(3), ray.given.count(4)) == (2, 2)
     assert done.progress.line().startswith("testing: 24 of ")
+
+
+def test_a_part_that_two_workers_wrote_is_the_one_that_is_there(
+    clock: None, job: Callable[..., Job], tmp_path: Path
+) -> None:
+    """Results have times, so that the parts of two workers differ."""
+    store = LocalStore(tmp_path)
+    whole = job(store, frames=24, block=1)
+
+    class WritingRay(FakeRay):
+        def get(self, number: int) -> tuple[str, float]:
+            return do_unit(
+                whole, lambda unit: f"unit {unit}, {number}".encode(), self._units[number]
+            )
+
+    ray = WritingRay([4])
+    ray.slow, ray.late = {3, 4}, 3
+    engine = object.__new__(RayEngine)
+    engine._ray, engine._cores = ray, 1
+    engine.run(whole, lambda: bytes, Progress("testing"))
+    assert ray.given.count(3) == 2
+    parts = list(read_manifests([store], ("test",)))
+    assert [part.decode().partition(",")[0] for part in parts] == [f"unit {n}" for n in range(24)]
 
 
 def test_a_cluster_without_cores_is_waited_for(run: Any, capsys: Any) -> None:
