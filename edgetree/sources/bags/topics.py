@@ -96,11 +96,14 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
     lacking = [role for role in wanted if chosen[role] is None]
     warn_of_left_out(bag, pictures, lacking, colour)
     by_name = {picture.name: picture for picture in pictures}
+    # A camera that is named for depth without any colour beside it can be of the depth alone.
+    has_colour = any(picture.kind.role in ("colour", "grey") for picture in pictures)
+    of_depth = None if has_colour or depth is None else given.pop("camera", None)
     return Streams(
         colour,
         depth,
         given.get("camera") or camera_topic(bag, by_name.get(colour or "")),
-        given.get("depth_camera") or camera_topic(bag, by_name.get(depth or "")),
+        given.get("depth_camera") or of_depth or camera_topic(bag, by_name.get(depth or "")),
         given.get("imu") or _imu(bag),
         tuple(name for name, topic in bag.topics.items() if topic.message_type in _TF_TYPES),
         EXACT_TOPIC if _has_exact(bag) else None,

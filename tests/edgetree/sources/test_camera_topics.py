@@ -143,3 +143,15 @@ def test_all_fields_go_to_the_reader_of_camera_files(
     assert seen[0]["k"][0] == 70.0
     assert seen[0]["p"][:3] == [70, 0, 30]
     assert len(seen[0]["r"]) == 9
+
+
+@pytest.mark.parametrize("role", ["camera", "depth_camera"])
+def test_a_named_camera_is_that_of_depth_without_colour(
+    bags: Any, tmp_path: Path, role: str
+) -> None:
+    small = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        bag.image("/cam/depth/image_raw", small.depth, bags.START_NS, "16UC1")
+        bag.info("/elsewhere/intrinsics", small.camera, bags.START_NS, frame="another")
+    (frame,) = open_recording(bag.path, topics={role: "/elsewhere/intrinsics"})
+    assert frame.camera == small.camera
