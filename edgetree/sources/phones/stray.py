@@ -44,7 +44,7 @@ CAMERA: Final = "camera_matrix.csv"
 ODOMETRY: Final = "odometry.csv"
 _LARGEST_TABLE_BYTES: Final = 2**27
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_DEFAULT_RATE_HZ: Final = 60.0
+_LOST: Final = 0.25  # a step that is longer than the odometry's by a period less this
 
 
 def is_stray(folder: Path) -> bool:
@@ -86,16 +86,31 @@ class _Stray(Capture):
 
     def _stored(self) -> Iterator[PhoneFrame | InputError]:
         with closing(iter(self._video)) as pictures:  # type: ignore[type-var]
-            for number, picture in enumerate(pictures):
+            number, before_s = -1, 0.0
+            for picture in pictures:
+                number, time_s = number + 1, picture.time_s or 0.0
+                number, before_s = number + self._lost(number, time_s - before_s), time_s
                 if number not in self._depths:
                     self.counts["colour without depth"] += 1
                     continue
                 assert picture.image is not None
                 try:
-                    yield self._one(number, picture.image, picture.time_s or 0.0)
+                    yield self._one(number, picture.image, time_s)
                 except InputError as error:
                     yield error
         self.counts.update(self._video.counts)
+
+    def _lost(self, number: int, step_s: float) -> int:
+        """How many pictures the video lacks before one, as it is damaged.
+
+        Args:
+            number: Number of the picture if none is lost.
+            step_s: Time in the video since the picture before, s.
+        """
+        before, now = (self._poses.get(each, (None,))[0] for each in (number - 1, number))
+        if before is None or now is None:
+            return 0
+        return max(0, int((step_s - (now - before)) * self._video.rate_hz + _LOST))
 
     def _one(self, number: int, image: NDArray[np.uint8], time_s: float) -> PhoneFrame:
         found = self._poses.get(number)

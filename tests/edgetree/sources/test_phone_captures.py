@@ -265,3 +265,23 @@ def test_run_and_live_take_captures(
     done = run_cli("measure", folder, "--camera", "camera.json")
     assert done.code == 2
     assert "use `edgetree run`" in done.err
+
+
+def test_depth_and_pose_stay_in_step_behind_a_lost_picture(tmp_path: Path) -> None:
+    """A video whose fourth picture is damaged, of a capture of six."""
+    small = calib.PinholeCamera(320, 240, 230.0, 230.0, 159.5, 119.5)
+    folder = write_stray(tmp_path / "a", small, frames=6)
+    path = folder / "rgb.mp4"
+    data = bytearray(path.read_bytes())
+    starts = [at for at in range(len(data)) if data.startswith(b"\0\0\1\xb6", at)]
+    data[starts[3] : starts[4]] = bytes(starts[4] - starts[3])
+    path.write_bytes(data)
+    source = open_capture(folder)
+    frames = list(source)
+    assert [int(frame.name[-6:]) for frame in frames] == [0, 1, 2, 4, 5]
+    for frame in frames:
+        assert frame.pose is not None
+        assert frame.time_s == pytest.approx(100 + int(frame.name[-6:]) / 30)
+        expected = phone_captures.mounting(int(frame.name[-6:])).translation_m
+        np.testing.assert_allclose(frame.pose.translation_m, expected, atol=1e-6)
+    assert source.counts["broken video frames"] == 1
