@@ -51,6 +51,9 @@ _CLIP: Final = 2.0  # errors beyond this many standard deviations count as this 
 # For a standard normal Z: the mean and the standard deviation of min(Z², _CLIP²).
 _CLIPPED_MEAN, _CLIPPED_STD = 0.92054, 1.1102
 _SMALLEST_FACTOR: Final = 0.05
+# Of measured to true diameters, and their logarithms about the median.
+_SMALLEST_RATIO: Final = 0.1
+_MOST_OFF: Final = 0.5
 _ITERATIONS: Final = 200
 _CONVERGED: Final = 1e-5
 _MAX_RELATIVE_STD: Final = 0.5
@@ -100,6 +103,22 @@ class _Data:
         """(N,) variances of measured - scale x caliper."""
         caliper, measured = scale * self.caliper_std_m, factor * self.measured_std_m
         return np.asarray(caliper**2 + measured**2)
+
+    def at_true_diameters(self) -> _Data:
+        """The same with the stated deviations that measurements without an error would have.
+
+        A stem measured too thin by a wrong distance states a smaller deviation. Weights by such
+        deviations would count it more than one measured too thick, and lower the scale. How the
+        deviations go with the errors is fitted.
+        """
+        caliper = np.log(self.caliper_m)
+        off = np.log(np.maximum(self.measured_m, _SMALLEST_RATIO * self.caliper_m)) - caliper
+        off = off - np.median(off)
+        near = np.clip(off, -_MOST_OFF, _MOST_OFF)
+        columns = np.column_stack([np.ones(len(off)), caliper, near])
+        power = float(np.linalg.lstsq(columns, np.log(self.measured_std_m))[0][2])
+        as_true = np.exp(-np.clip(power, 0.0, 1.0) * off)
+        return replace(self, measured_std_m=self.measured_std_m * as_true)
 
     def covered(self, scale: float, factor: float) -> Bool:
         error = np.abs(self.measured_m - scale * self.caliper_m)
@@ -174,7 +193,7 @@ def fit_errors(
 
 
 def _solve(data: _Data, near: _Solution | None = None) -> _Solution:
-    """Fit the scale; if it is not significant, fit the factor again with the scale 1.
+    """Fit the scale, and then the factor: with this scale, or with 1 if it is not significant.
 
     Args:
         data: The diameters.
@@ -185,21 +204,27 @@ def _solve(data: _Data, near: _Solution | None = None) -> _Solution:
         start = 1.0, float(np.median(error / data.measured_std_m)) / MEDIAN_ABS_NORMAL
     else:
         start = near.scale.value, near.factor.value
-    scale, factor = _iterate(data, start, fit_scale=True)
+    scale, factor = _iterate(data.at_true_diameters(), start, fit_scale=True)
     significant = abs(scale.value - 1) > BIAS_STDS * scale.std
-    if not significant:
-        _, factor = _iterate(data, (1.0, factor.value), fit_scale=False)
+    start = (scale.value if significant else 1.0), factor.value
+    _, factor = _iterate(data, start, fit_scale=False, taken=int(significant))
     reach = NORMAL_975 * factor.std / factor.value
     return _Solution(scale, significant, factor, abs(math.log(factor.value)) > reach)
 
 
 def _iterate(
-    data: _Data, start: tuple[float, float], *, fit_scale: bool
+    data: _Data, start: tuple[float, float], *, fit_scale: bool, taken: int = 1
 ) -> tuple[Estimate, Estimate]:
-    """Scale and factor with their standard deviations, by fixed-point iteration."""
+    """Scale and factor with their standard deviations, by fixed-point iteration.
+
+    Args:
+        data: The diameters.
+        start: Scale and factor to start from.
+        fit_scale: Whether the scale is fitted too.
+        taken: Degrees of freedom that the scale takes: 1 if it is fitted to these diameters.
+    """
     count = len(data.measured_m)
-    # The fitted scale takes one degree of freedom.
-    correction = count / (count - fit_scale)
+    correction = count / (count - taken)
     scale, factor = start[0], max(start[1], _SMALLEST_FACTOR)
     for _ in range(_ITERATIONS):
         before = (scale, factor)

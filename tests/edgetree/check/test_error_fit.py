@@ -42,6 +42,24 @@ def test_the_stated_uncertainties_of_the_fit_hold(simulated: Tables) -> None:
         assert values[:, 1].mean() == pytest.approx(values[:, 0].std(), rel=0.3)
 
 
+@pytest.mark.parametrize("of_measured", [True, False])
+def test_errors_that_are_shares_of_the_measured_diameter_make_no_scale(
+    tables: Tables, of_measured: bool
+) -> None:
+    """As without depth, where a wrong distance makes diameter and stated error wrong alike."""
+    fits = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        true_m = rng.uniform(0.15, 0.6, 300)
+        measured_m = true_m * (1 + 0.12 * rng.normal(size=300))
+        std_m = 0.12 * (measured_m if of_measured else true_m)
+        fits.append(fitted(tables(true_m, measured_m, std_m)))
+    off = np.array([(fit.scale.value - 1) / fit.scale.std for fit in fits])
+    assert abs(off.mean()) < 3 / len(fits) ** 0.5
+    assert not any(fit.scale_significant for fit in fits)
+    assert np.mean([fit.factor.value for fit in fits]) == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_good_machine_keeps_its_settings(simulated: Tables) -> None:
     fits = [fitted(simulated(30, seed=seed)) for seed in range(40)]
     assert sum(fit.scale_significant for fit in fits) <= 1
