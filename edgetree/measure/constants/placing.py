@@ -58,6 +58,11 @@ BAR_TURN_STD: Final = 0.03
 """Relative standard deviation of a scale bar's length because it points towards or away from the
 camera. Source: chosen, a bar that is turned by 14 degrees is seen 3 % short."""
 
+BAR_LEAN_STD_DEG: Final = 5.0
+"""Standard deviation of the angle by which a bar that is seen from above or from a side points
+towards or away from the camera, in degrees: the lean of the stem, or of a rule against it.
+Source: chosen by hand."""
+
 ASSUMED_FOCAL_SHARE: Final = 0.9
 """Focal length of a camera of which nothing is known, in larger sides of the picture.
 Source: chosen, telephones and colour cameras have 0.7 to 1.1."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from basetree.arrays import Float
 from basetree.errors import InputError
-from calib.directions import unit
 from edgetree.measure.constants.placing import (
     BAR_END_STD_PX,
+    BAR_LEAN_STD_DEG,
     BAR_TURN_STD,
     CORNER_STD_PX,
     MARK_BESIDE_STD_M,
@@ -78,16 +78,32 @@ class ScaleMark:
         steps = np.roll(self.points_px, -1, axis=0) - self.points_px
         return float(np.linalg.norm(steps, axis=1).max())
 
-    def place(self, seen: SeenStems) -> tuple[Float, float]:
-        """(3,) its middle in the frame's axes, and the relative deviation of its distance."""
+    def place(self, seen: SeenStems, index: int) -> tuple[Float, float]:
+        """Place the mark.
+
+        The ends of a bar are taken to be equally far ahead, in the plane along the stem and across
+        the view of it: a camera that looks down sees an upright bar shorter than one across its
+        line of sight.
+
+        Args:
+            seen: The stems.
+            index: That of the stem which it is on or beside.
+
+        Returns:
+            (3,) its middle in the frame's axes, and the relative deviation of its distance.
+        """
         rays = seen.picture_rays(self.points_px)
         if len(rays) == 2:
+            ahead = rays @ seen.sections.view_direction[index]
+            ends = rays / np.where(ahead > 0, ahead, np.nan)[:, None]
+            middle, bar = ends.mean(0), ends[1] - ends[0]
+            length = float(np.linalg.norm(bar))
             std_px = BAR_END_STD_PX * reference_px(seen.frame.camera.width)
             share = math.sqrt(2) * std_px / self.length_px
-            first, last = unit(rays)
-            half_rad = math.acos(min(float(first @ last), 1.0)) / 2
-            range_m = self.length_m / 2 / math.tan(max(half_rad, 1e-6))
-            return range_m * unit(first + last), math.hypot(share, MARK_SIZE_STD, BAR_TURN_STD)
+            # Its far end is seen nearer to the horizon, or nearer to the middle of the stem.
+            turned = math.radians(BAR_LEAN_STD_DEG) * abs(float(bar @ middle)) / length
+            std = math.hypot(share, MARK_SIZE_STD, BAR_TURN_STD, turned)
+            return middle * self.length_m / length, std
         half_m = self.length_m / 2
         square = half_m * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
         _, _, middle_m = cv2.solvePnP(
@@ -121,7 +137,7 @@ class ScaleMarks:
             index, aside = _stem_of(mark, seen)
             if index is None:
                 continue
-            middle_m, share = mark.place(seen)
+            middle_m, share = mark.place(seen, index)
             front_m = float(middle_m @ sections.view_direction[index])
             on_stem, where = abs(aside) <= _ON_STEM, "beside"
             radius_m = front_m * half.item(index) / sections.front_ratio.item(index)

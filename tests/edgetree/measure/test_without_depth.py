@@ -251,6 +251,30 @@ def test_a_bar_beside_the_stem_has_a_larger_error(stand: Any, measured: Any) -> 
     assert far.diameter_m.reason == "no bar at this stem"
 
 
+@pytest.mark.parametrize("across", [False, True])
+def test_a_bar_seen_from_above_tells_the_distance(
+    scene: Any, pole: Any, measured: Any, across: bool
+) -> None:
+    """An upright bar below the camera is seen short, one across the view is not."""
+    stem = pole(right_m=0.4, ahead_m=3.8, taper=0.01)
+    stand = scene(stem, camera_height_m=3.2, pitch_deg=32.0)
+    bark_m = [
+        (centre := stand.axis_point(stem, height_m))
+        + stem.diameter_at_m(height_m) / 2 * stand.front(stem, centre)
+        for height_m in (0.05, 1.05)
+    ]
+    if across:
+        middle_m = (bark_m[0] + bark_m[1]) / 2
+        half_m = np.cross(stand.along(stem), stand.front(stem, middle_m)) / 2
+        bark_m = [middle_m - half_m, middle_m + half_m]
+    ends_px = project_points(stand.camera, np.stack(bark_m))
+    length_m = float(np.linalg.norm(bark_m[1] - bark_m[0]))
+    tree = measured(stand, ScaleMarks([ScaleMark(ends_px, length_m, "the scale bar")], "no bar"))
+    distance_m = np.linalg.norm(stand.axis_point(stem, stem.cut_m))
+    assert tree.distance_m.value == pytest.approx(distance_m, rel=0.015)
+    assert tree.diameter_m.value == pytest.approx(stem.diameter_at_m(stem.section_m), rel=0.02)
+
+
 def test_of_several_ways_the_surest_counts_for_each_stem(stand: Any, measured: Any) -> None:
     marks = ScaleMarks([], "no marker")
     tree = measured(stand, marks, EXACT_HEIGHT)
