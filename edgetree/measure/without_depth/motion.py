@@ -223,9 +223,10 @@ class StemViews:
                 vector = vector + weight * float(towards[:2] @ start[:2]) * towards
             covariance = np.linalg.inv(information)
             axis = _Axis(covariance @ vector, covariance, level_m)
-        # Views that disagree by more than their deviations widen the result (Birge's ratio).
-        freedom = max(len(values) / 2 - 4, 1.0)
-        squares = float(((factors @ axis.state - values) ** 2).sum()) / 2
+        # Views that disagree by more than their deviations widen the result (Birge's ratio). Both
+        # equations of a view share one error, of which they have half the square each.
+        freedom = max(len(views) - 2, 1)
+        squares = float(((factors @ axis.state - values) ** 2).sum())
         return _Axis(axis.state, covariance * max(squares / freedom, 1.0), level_m)
 
 

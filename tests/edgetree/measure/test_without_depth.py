@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from edgetree.measure import (
     Way,
     measure_without_depth,
 )
+from edgetree.measure.constants.placing import POSE_SCALE_STD, POSE_TURN_STD_DEG
 
 EXACT_HEIGHT = CameraHeight(1.8, height_std_m=0.0, slope_std_deg=0.0)
 
@@ -326,6 +328,41 @@ def test_several_poses_of_the_camera_tell_the_distances_of_stems(scene: Any, pol
         assert tree.axis_distance_m.value == pytest.approx(distance_m, rel=0.05)
         assert abs(tree.diameter_m.value - stem.diameter_m) < 2 * tree.diameter_m.std
         assert "motion between several views" in tree.evidence.distance_from
+
+
+class OneStem(SimpleNamespace):
+    """What `MovingCamera` takes from `SeenStems`, of one upright stem."""
+
+    def __len__(self) -> int:
+        return 1
+
+
+def stated_error(off_rad: float) -> float:
+    """Relative error of a distance by 20 views, whose directions are off to both sides in turn."""
+    views = StemViews()
+    for step in range(20):
+        camera_m = np.array([0.15 * step, 0.0, 2.0])
+        x, y = np.array([1.0, 6.0]) - camera_m[:2]
+        angle = np.arctan2(y, x) + off_rad * (-1) ** step
+        sections = SimpleNamespace(
+            view_direction=np.array([[np.cos(angle), np.sin(angle), 0.0]]),
+            axes=SimpleNamespace(along=np.array([[0.0, 0.0, 1.0]])),
+            half_rad=np.array([np.arcsin(0.15 / np.hypot(x, y))]),
+            height_ratio=np.zeros(1),
+        )
+        frame = SimpleNamespace(to_camera=lambda axes: axes, rig=SimpleNamespace(focal=0.0))
+        std_rad, up = np.array([np.radians(0.2)]), np.array([[0.0, 0.0, 1.0]])
+        seen = OneStem(
+            frame=frame, sections=sections, middle_std_rad=std_rad, numbers=np.array([0]), up=up
+        )
+        found = views.at(RigidTransform(np.eye(3), camera_m)).place(seen)
+    return float(np.sqrt(found.distance_std[0] ** 2 - POSE_SCALE_STD**2))
+
+
+def test_views_that_disagree_widen_the_error_by_as_much() -> None:
+    stated_rad = np.radians(np.hypot(0.2, POSE_TURN_STD_DEG))
+    assert stated_error(0.5 * stated_rad) == pytest.approx(stated_error(0.0), rel=0.1)
+    assert stated_error(1.5 * stated_rad) == pytest.approx(1.5 * stated_error(0.0), rel=0.12)
 
 
 @pytest.mark.parametrize(("steps", "words"), [(2, "three views"), (4, "has not moved far enough")])
