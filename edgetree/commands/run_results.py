@@ -84,6 +84,7 @@ class RunResults:
     guarded: GuardedOutputs
     records: list[dict[str, Any]] = field(default_factory=list)
     _views: StemViews = field(default_factory=StemViews)
+    _views_of: Path | None = None
 
     def is_on_terminal(self, *, as_json: bool) -> bool:
         """Whether there is a line for each frame on a terminal."""
@@ -126,6 +127,8 @@ class RunResults:
         return frame_results(frames, self._measure, self.left_out, shown=shown)
 
     def _measure(self, frame: Frame) -> FrameResult:
+        if frame.path != self._views_of:  # poses of another recording are in a frame of their own
+            self._views, self._views_of = StemViews(), frame.path
         result = process(frame, self.detector, self.rig, self.settings, self._views)
         self.other.look(result, lambda detector: process(frame, detector, self.rig, self.settings))
         stems = self.totals.stems

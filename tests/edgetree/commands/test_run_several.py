@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+
+from edgetree.commands import run_results
+from edgetree.commands.frame_results import LeftOut
+from edgetree.frames.frame import Frame
+from edgetree.measure import StemViews
+from edgetree.sources.source import BaseSource
 
 Cli = Callable[..., Any]
 
@@ -80,3 +87,33 @@ def test_calibrate_takes_a_pattern(run_cli: Cli, images: Path, tmp_path: Path) -
     out = tmp_path / "found.json"
     done = run_cli("calibrate", images / "*.jpg", "--board", "checkerboard:9x6:0.025", "--out", out)
     assert "0 of 2 pictures show the board" in done.out
+
+
+class _TwoRecordings(BaseSource):
+    """Two frames of each of two recordings."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        for path in (Path("first.mcap"), Path("second.mcap")):
+            for number in range(2):
+                yield Frame(f"{path.stem}_{number}", path, None, number=number)
+
+
+def test_stems_of_one_recording_are_not_triangulated_in_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each recording has poses in a frame of its own."""
+    seen: list[tuple[Path | None, StemViews]] = []
+
+    def process(frame: Frame, *given: Any) -> Frame:
+        seen.append((frame.path, given[-1]))
+        return frame
+
+    monkeypatch.setattr(run_results, "process", process)
+    unused: Any = SimpleNamespace(stems=None, look=lambda *_: None)
+    given = [*[unused] * 7, LeftOut(strict=True), unused, unused]
+    results = run_results.RunResults(*given)
+    assert len(list(results.of(_TwoRecordings("both"), shown=False))) == 4
+    (_, first), (_, still_first), (_, second), (_, still_second) = seen
+    assert first is still_first
+    assert second is still_second
+    assert first is not second
