@@ -36,6 +36,7 @@ from edgetree.results.json_records import frame_record
 from edgetree.runtime.detector import TreeDetector
 from edgetree.sinks import JsonLinesSink, LinesSink
 from edgetree.sources.opening import is_stream
+from edgetree.sources.picture_names import is_image_name
 from edgetree.sources.source import FrameSource
 from edgetree.sources.source_list import SourceList
 from edgetree.sources.videos import VideoFrames, is_picture
@@ -127,12 +128,19 @@ class RunResults:
         return frame_results(frames, self._measure, self.left_out, shown=shown)
 
     def _measure(self, frame: Frame) -> FrameResult:
-        if frame.path != self._views_of:  # poses of another recording are in a frame of their own
-            self._views, self._views_of = StemViews(), frame.path
+        source = _source_of(frame)
+        if source != self._views_of:  # its poses are in a frame of their own
+            self._views, self._views_of = StemViews(), source
         result = process(frame, self.detector, self.rig, self.settings, self._views)
         self.other.look(result, lambda detector: process(frame, detector, self.rig, self.settings))
         stems = self.totals.stems
         return result if stems is None else numbered_stems(result, stems)
+
+
+def _source_of(frame: Frame) -> Path | None:
+    """The recording of a frame, or the folder of its picture; None of a camera."""
+    path = frame.path
+    return path.parent if path is not None and is_image_name(path) else path
 
 
 def run_object(results: RunResults, *, is_interrupted: bool) -> dict[str, Any]:

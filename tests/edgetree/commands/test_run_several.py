@@ -89,17 +89,27 @@ def test_calibrate_takes_a_pattern(run_cli: Cli, images: Path, tmp_path: Path) -
     assert "0 of 2 pictures show the board" in done.out
 
 
-class _TwoRecordings(BaseSource):
-    """Two frames of each of two recordings."""
+class _Frames(BaseSource):
+    """A frame of each of some files."""
+
+    def __init__(self, files: list[str]) -> None:
+        super().__init__("all")
+        self._files = files
 
     def __iter__(self) -> Iterator[Frame]:
-        for path in (Path("first.mcap"), Path("second.mcap")):
-            for number in range(2):
-                yield Frame(f"{path.stem}_{number}", path, None, number=number)
+        for number, file in enumerate(self._files):
+            yield Frame(str(number), Path(file), None, number=number)
 
 
+@pytest.mark.parametrize(
+    "files",
+    [
+        ["first.mcap", "first.mcap", "second.mcap", "second.mcap"],
+        ["drive/RGB/0.jpg", "drive/RGB/1.jpg", "other/RGB/0.jpg", "other/RGB/1.jpg"],
+    ],
+)
 def test_stems_of_one_recording_are_not_triangulated_in_the_next(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, files: list[str]
 ) -> None:
     """Each recording has poses in a frame of its own."""
     seen: list[tuple[Path | None, StemViews]] = []
@@ -112,7 +122,7 @@ def test_stems_of_one_recording_are_not_triangulated_in_the_next(
     unused: Any = SimpleNamespace(stems=None, look=lambda *_: None)
     given = [*[unused] * 7, LeftOut(strict=True), unused, unused]
     results = run_results.RunResults(*given)
-    assert len(list(results.of(_TwoRecordings("both"), shown=False))) == 4
+    assert len(list(results.of(_Frames(files), shown=False))) == 4
     (_, first), (_, still_first), (_, second), (_, still_second) = seen
     assert first is still_first
     assert second is still_second
