@@ -72,6 +72,15 @@ def _value(now: Any, value: Any, name: str) -> Any:
         if not isinstance(value, dict) or not all(_is_number(part) for part in value.values()):
             raise SettingsError(f"{name} is {value!r}: expected an object of weights")
         return value
+    return _number(now, value, name)
+
+
+def _number(now: Any, value: Any, name: str) -> Any:
+    """A number, or true or false; None stands for a number that is not stated."""
+    if now is None:
+        if value is not None and not _is_number(value):
+            raise SettingsError(f"{name} is {value!r}: expected a number, or null for none")
+        return value
     if isinstance(now, bool) != isinstance(value, bool) or not (
         isinstance(value, bool) or _is_number(value)
     ):

@@ -36,6 +36,7 @@ def test_only_what_the_file_names_changes(tmp_path: Path):
 @pytest.mark.parametrize(("model", "std_px"), [("radtan", 0.0), ("fisheye", 0.4)])
 def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path, model: str, std_px: float):
     bent = {"distortion": (-0.2, 0.05, 0.0, 0.0), "distortion_model": model, "focal_std_px": std_px}
+    bent["principal_std_px"] = std_px or None
     camera = dataclasses.replace(ideal_camera(640, 360), **bent)
     base = PRESETS["plain"].settings
     saved = dataclasses.replace(base, camera=dataclasses.replace(base.camera, intrinsics=camera))
@@ -59,6 +60,10 @@ def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path, model: str, s
         (
             {"weather": {"kinds": {"hail": 1}}},
             r"weather kinds has the name 'hail': expected one of",
+        ),
+        (
+            {"camera": {"intrinsics": {"principal_std_px": "one"}}},
+            r"camera.intrinsics.principal_std_px is 'one': expected a number, or null for none",
         ),
         ({"labels": {"reach_m": "ten"}}, r"labels.reach_m is 'ten': expected a number"),
         ({"labels": {"reach_m": 10**400}}, r"labels.reach_m is 1000.*: expected a number"),
