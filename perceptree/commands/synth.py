@@ -93,7 +93,10 @@ class PictureOptions:
                 intrinsics.width if self.width is None else self.width,
                 intrinsics.height if self.height is None else self.height,
             )
-            intrinsics = intrinsics.scaled(*size) if self.camera else ideal_camera(*size)
+            stated = self.camera is not None or intrinsics != ideal_camera(
+                intrinsics.width, intrinsics.height
+            )
+            intrinsics = intrinsics.scaled(*size) if stated else ideal_camera(*size)
         labels, views = settings.labels, self.views
         return replace(
             settings,

@@ -114,6 +114,22 @@ def test_a_camera_file_and_a_reach_are_taken_over(call: Call, tmp_path: Path):
     assert images[0]["camera"] == camera.to_dict()
 
 
+def test_the_camera_of_a_settings_file_is_scaled_and_not_replaced(call: Call, tmp_path: Path):
+    camera = calib.PinholeCamera(256, 144, 160.0, 162.0, 120.0, 60.0, (0.1, -0.02, 0.0, 0.0))
+    file = tmp_path / "own.json"
+    file.write_text(json.dumps({"camera": {"intrinsics": camera.to_dict()}}))
+    code, _, _ = call(
+        "synth", "--out", tmp_path / "out", "--frames", 12, *SMALL, "--settings", file
+    )
+    assert code == 0
+    made = settings_of(tmp_path / "out")["settings"]["camera"]["intrinsics"]
+    assert made == camera.scaled(128, 72).to_dict()
+    square = ("--width", 128, "--height", 128, "--settings", file)
+    code, _, told = call("synth", "--out", tmp_path / "other", "--frames", 12, *square)
+    assert code == 2
+    assert "expected the same aspect ratio" in told
+
+
 def test_images_are_png_where_that_is_asked_for(call: Call, tmp_path: Path):
     code, _, _ = call("synth", "--out", tmp_path, "--frames", 6, *SMALL, "--image-format", "png")
     assert code == 0
