@@ -88,12 +88,17 @@ class SceneJob:
         A record has the COCO `image` and `annotations`, the size of each file (`bytes`) and
         `depth_valid_share`.
 
+        Independent views are the first ones of a longer scene, too. A drive depends on its number
+        of frames, so a longer or shorter one is another one.
+
         Returns:
             One record per frame; none if the scene is not finished, or a file is missing or has
             another size.
         """
         try:
-            records = json.loads(self.shard.read_text("utf-8"))[: self.views]
+            records = json.loads(self.shard.read_text("utf-8"))
+            if not self.plan.settings.drive.rate_hz:
+                records = records[: self.views]
             complete = len(records) == self.views and all(
                 (self.directory / name).stat().st_size == size
                 for record in records

@@ -235,7 +235,7 @@ def _copy_scene(
     content = parts.read(unit)
     there, here = sizes[store.where], sizes[out.where]
     try:
-        records: Records = json.loads(content)
+        records: Records = json.loads(content)[: parts.job.frames_of(unit)]
         files = [record["bytes"].items() for record in records]
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise JobError(

@@ -52,6 +52,16 @@ def records(dataset: Path) -> list[dict]:
     return json.loads((dataset / "scenes" / "000001.json").read_text())
 
 
+def test_a_shorter_or_longer_drive_is_another_one_and_is_not_resumed(dataset: Path, settings):
+    ends_m = [drive_of(settings, 4_000_001, frames).origin_m[20] for frames in (5, 600)]
+    assert np.linalg.norm(ends_m[0] - ends_m[1]) > 0.01
+    plan = DatasetPlan(settings, 4)
+    finished = [bool(SceneJob(dataset, plan, 1, FRAMES + more).records()) for more in (-1, 0, 1)]
+    assert finished == [False, True, False]
+    views = DatasetPlan(dataclasses.replace(settings, drive=DriveSettings()), 4)
+    assert len(SceneJob(dataset, views, 1, FRAMES - 1).records()) == FRAMES - 1
+
+
 def test_points_of_a_stem_seen_from_several_poses_meet_in_one_place(dataset: Path):
     """Rays from all frames to an axis point of a stem meet in one world point."""
     rays: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}

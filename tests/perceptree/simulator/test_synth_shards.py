@@ -76,6 +76,18 @@ def test_a_shard_says_where_it_is_and_what_is_next(call: Call, tmp_path: Path) -
     assert "3 of 3 frames are finished from an earlier run" in told
 
 
+def test_shards_of_fewer_frames_than_the_folder_holds_make_the_shorter_dataset(
+    call: Call, tmp_path: Path, whole: dict[str, bytes], synth: ModuleType
+) -> None:
+    longer = ("--frames", 10, *OPTIONS[2:])
+    assert call("synth", "--out", tmp_path / "out", *longer)[0] == 0
+    shards(call, tmp_path / "out", "1/1")
+    assert call("merge", tmp_path / "out")[0] == 0
+    made = synth.contents(tmp_path / "out")
+    for name in ("train_RGB.json", "val_RGB.json", "test_RGB.json", "statistics.json"):
+        assert made[name] == whole[name], name
+
+
 def test_a_lost_file_is_made_again(
     call: Call, tmp_path: Path, whole: dict[str, bytes], synth: ModuleType
 ) -> None:
