@@ -48,12 +48,12 @@ class Drive:
     settings: CameraSettings
 
     def time_s(self, number: int) -> float:
-        """Time of a frame since the first frame, s."""
-        return number / self.rate_hz
+        """Time of a frame since the first frame, s: that of the IMU sample whose pose it has."""
+        return self.sample(number) / IMU_HZ
 
     def sample(self, number: int) -> int:
-        """Index of the IMU sample at the time of a frame."""
-        return round(self.time_s(number) * IMU_HZ)
+        """Index of the IMU sample of a frame: the nearest one at the frame rate."""
+        return round(number / self.rate_hz * IMU_HZ)
 
     def view(self, number: int) -> View:
         """The view of a frame."""

@@ -114,6 +114,17 @@ def test_frames_are_timed_and_the_imu_covers_them_without_a_gap(dataset: Path):
     assert times_s[-1] == pytest.approx(images[-1]["time_s"])
 
 
+def test_a_frames_time_is_that_of_its_pose_at_any_frame_rate(settings):
+    for rate_hz in (10.0, 15.0, 30.0):
+        faster = dataclasses.replace(settings.drive, rate_hz=rate_hz)
+        drive = drive_of(dataclasses.replace(settings, drive=faster), 4_000_002, 12)
+        for number in range(12):
+            row = round(drive.time_s(number) * IMU_HZ)
+            assert drive.time_s(number) == pytest.approx(row / IMU_HZ, abs=1e-9)
+            assert np.array_equal(drive.view(number).origin, drive.origin_m[row])
+            assert drive.time_s(number) == pytest.approx(number / rate_hz, abs=0.5001 / IMU_HZ)
+
+
 def test_turn_rates_carry_the_first_pose_to_the_last(settings):
     drive = drive_of(settings, 4_000_002, 60)
     rotation = drive.rotation[0]
