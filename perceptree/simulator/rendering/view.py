@@ -19,6 +19,7 @@ VIEW_RADIUS_M = 6.0  # cameras are within this distance of the scene's centre
 _STEM_CLEARANCE_M = 0.8
 _ATTEMPTS = 60
 _BORDER_POINTS = 33
+_RADII = 1024  # at which a distortion is tested for turning back
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ class View:
         return np.asarray(self.rotation[:, 2])
 
     @cached_property
-    def ray_bounds(self) -> tuple[float, float, float, float]:
-        """Minimum and maximum of x / z, then of y / z, of the rays through the image's border."""
+    def _border_rays(self) -> Float:
+        """(n, 2) x / z and y / z of the rays through the image's border."""
         camera = self.intrinsics
         x = np.linspace(0.0, camera.width, _BORDER_POINTS)
         y = np.linspace(0.0, camera.height, _BORDER_POINTS)
@@ -71,17 +72,46 @@ class View:
             np.stack(np.broadcast_arrays(*edge), -1)
             for edge in ((x, 0.0), (x, float(camera.height)), (0.0, y), (float(camera.width), y))
         ]
-        rays = calib.pixels_to_rays(camera, np.concatenate(border))
-        low, high = rays.min(0), rays.max(0)
+        return np.asarray(calib.pixels_to_rays(camera, np.concatenate(border))[:, :2])
+
+    @cached_property
+    def ray_bounds(self) -> tuple[float, float, float, float]:
+        """Minimum and maximum of x / z, then of y / z, of the rays through the image's border."""
+        low, high = self._border_rays.min(0), self._border_rays.max(0)
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    @cached_property
+    def _farthest(self) -> float:
+        """Largest distance of a ray from the axis, over z, up to which the image's lens holds."""
+        radius = np.linspace(0, float(np.hypot(*self._border_rays.T).max()), _RADII)
+        along = np.stack([radius, np.zeros(_RADII), np.ones(_RADII)], -1)
+        falling = np.flatnonzero(np.diff(calib.project_points(self.intrinsics, along)[:, 0]) <= 0)
+        return float(radius[falling[0] if len(falling) else -1])
 
     def to_camera(self, points_m: Float) -> Float:
         """Transform world points (..., 3) to camera axes: x right, y down, z forward, m."""
         return np.asarray((points_m - self.origin) @ self.rotation.T)
 
     def project(self, points_m: Float) -> Float:
-        """Project world points (..., 3) in front of the camera to corner-based px (..., 2)."""
-        return calib.project_points(self.intrinsics, self.to_camera(points_m))
+        """Project world points (..., 3) in front of the camera to corner-based px (..., 2).
+
+        A distortion holds within the image. Far outside, many models fold points back into it. A
+        point farther off the axis than any point of the image is projected along its direction
+        with the scale at that limit, so that it stays outside.
+        """
+        camera, points = self.intrinsics, self.to_camera(points_m)
+        pixels = calib.project_points(camera, points)
+        if camera.distortion:
+            ahead = points[..., 2] > 0
+            off_axis = np.hypot(points[..., 0], points[..., 1]) / np.where(ahead, points[..., 2], 1)
+            beyond = off_axis / self._farthest
+            far = ahead & (beyond > 1)
+            share = beyond[far][:, None]
+            pulled_in = np.concatenate([points[far, :2] / share, points[far, 2:]], -1)
+            at_limit = calib.project_points(camera, pulled_in)
+            middle = np.array([camera.cx, camera.cy]) + 0.5
+            pixels[far] = middle + (at_limit - middle) * share
+        return pixels
 
 
 def look_from(intrinsics: PinholeCamera, origin: Float, pose: Pose) -> View:

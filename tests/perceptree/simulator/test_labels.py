@@ -24,6 +24,7 @@ SMALL = ideal_camera(320, 180)
 LARGE = ideal_camera(1280, 720)
 MIDDLE = ideal_camera(640, 360)
 BARREL = (-0.3, 0.08, 0.0, 0.0)
+FOLDING = (-0.373, 0.204, 0.002, 0.001, -0.072)  # of a car's camera; turns back at 52 degrees
 LEVEL = Pose("hand", 1.6, 0.0, 0.0, 0.0)
 
 
@@ -277,6 +278,29 @@ def test_masks_hold_their_trees_pixels_and_boxes_bound_them(small_settings, text
             found += 1
         assert claimed.max() == 1
     assert found >= 4
+
+
+@pytest.mark.parametrize("distortion", [BARREL, FOLDING])
+def test_only_what_a_bent_ray_shows_is_projected_into_the_image(distortion):
+    camera = dataclasses.replace(LARGE, fx=1000.0, fy=1000.0, distortion=distortion)
+    view = look_from(camera, np.array([0.0, 0.0, 1.6]), LEVEL)
+    points_m = np.random.default_rng(3).uniform([0.2, -9, -9], [6, 9, 9], (20_000, 3))
+    pixels = view.project(points_m)
+    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(1)
+    seen = view.to_camera(points_m[inside])
+    rays = calib.pixels_to_rays(camera, pixels[inside])
+    assert inside.sum() > 800
+    assert np.allclose(rays, seen / seen[:, 2:], atol=1e-3)
+    assert np.array_equal(pixels[inside], calib.project_points(camera, seen))
+
+
+def test_keypoints_and_area_of_a_stem_before_a_bent_lens_that_folds(draw):
+    camera = dataclasses.replace(LARGE, fx=1000.0, fy=1000.0, distortion=FOLDING)
+    view = look_from(camera, np.array([0.0, 0.0, 3.0]), dataclasses.replace(LEVEL, pitch_deg=0.0))
+    tree = planted(round_stem(0.3), 1.2)
+    label = label_one(view, draw([tree], view), tree)
+    assert label.keypoints[:, 2].tolist() == [0, 0, 0, 0, 0]
+    assert label.visible_fraction > 0.98
 
 
 def test_the_cut_point_lies_on_the_front_of_the_stem(draw):
