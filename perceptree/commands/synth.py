@@ -69,7 +69,9 @@ class PictureOptions:
     views: Annotated[int | None, typer.Option(help="Frames per scene.", show_default="8")] = None
     reach: Annotated[
         float | None,
-        typer.Option(help="Label trees up to this distance in metres.", show_default="10"),
+        typer.Option(
+            help="Label trees up to this distance in metres, at most 13.", show_default="10"
+        ),
     ] = None
     image_format: Annotated[
         str | None,

@@ -151,7 +151,7 @@ def test_snow_bares_the_broadleaves_and_labels_stand_above_the_uphill_side():
         ),
         (lambda: WeatherSettings({"fog": 0.0}), r"weather kinds has no weight above 0"),
         (lambda: StandSettings(lean_max_deg=25.0), r"lean_max_deg is 25: expected 0 to 20"),
-        (lambda: LabelSettings(reach_m=float("nan")), r"reach_m is nan: expected 1 to 40"),
+        (lambda: LabelSettings(reach_m=float("nan")), r"reach_m is nan: expected 1 to 13"),
         (
             lambda: LabelSettings(cut_height_m=0.5),
             r"cut_height_m, diameter_height_m and stem_height_m are 0.5, 0.3 and 4.0: expected",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import calib
+from basetree.errors import SettingsError
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.geometry.ground import ground_mesh
 from perceptree.simulator.geometry.mesh import merge
@@ -14,12 +15,13 @@ from perceptree.simulator.labelling.labels import TreeLabel, label_view
 from perceptree.simulator.labelling.silhouette import outline_points
 from perceptree.simulator.rendering.render import Drawing, Renderer
 from perceptree.simulator.rendering.view import Pose, View, look_from, random_view
-from perceptree.simulator.scene.description import Scene, Tree
+from perceptree.simulator.scene.description import Scene, Tree, describe_scene
 from perceptree.simulator.scene.models import MODELS
 from perceptree.simulator.scene.stem import Fork, Stem, random_stem
 from perceptree.simulator.settings import LabelSettings, ideal_camera
+from perceptree.simulator.streams import Stream, stream
 
-LABELS = LabelSettings(min_visible_fraction=0.0, min_visible_area=0.0, reach_m=15.0)
+LABELS = LabelSettings(min_visible_fraction=0.0, min_visible_area=0.0, reach_m=13.0)
 SMALL = ideal_camera(320, 180)
 LARGE = ideal_camera(1280, 720)
 MIDDLE = ideal_camera(640, 360)
@@ -335,6 +337,26 @@ def test_the_visible_fraction_is_the_share_of_pixels_left(draw):
     assert 0.3 < left < 0.8
     label = label_view(view, both, [tree, before], LABELS)[0]
     assert label.visible_fraction == pytest.approx(left, abs=0.03)
+
+
+def test_every_tree_in_reach_can_be_labelled(small_settings):
+    within = {10.0: [], 12.0: [], 13.0: []}
+    for seed in range(12):
+        scene = describe_scene(small_settings, seed)
+        cuts_m = np.array([tree.point(tree.cut_z_m) for tree in scene.trees])
+        near = np.array([tree.near for tree in scene.trees])
+        for number in range(8):
+            rng = stream(seed, Stream.VIEW, number)
+            view = random_view(rng, small_settings.camera, scene)
+            distance_m = np.linalg.norm(cuts_m - view.origin, axis=1)
+            for reach_m, found in within.items():
+                found += near[distance_m <= reach_m].tolist()
+    assert len(within[10.0]) > 500
+    assert all(within[12.0])
+    assert np.mean(within[13.0]) > 0.99
+    assert LabelSettings(reach_m=13.0)
+    with pytest.raises(SettingsError, match="reach_m is 14: expected 1 to 13"):
+        LabelSettings(reach_m=14.0)
 
 
 def test_trees_out_of_reach_or_hardly_visible_are_not_labelled(draw):

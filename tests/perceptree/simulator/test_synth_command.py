@@ -182,7 +182,7 @@ MISTAKES = {
     "preset": (("--preset", "x"), "--preset is 'x': expected one of paper (the paper's mix"),
     "frozen": (("--preset", "test", "--frames", 20), "--preset test is frozen: expected no option"),
     "format": (("--image-format", "bmp"), "image_format is 'bmp': expected one of jpg, png"),
-    "reach": (("--reach", 60), "reach_m is 60: expected 1 to 40"),
+    "reach": (("--reach", 15), "reach_m is 15: expected 1 to 13"),
     "views": (("--views", 0), "views_per_scene is 0: expected 1 to 1000"),
     "width": (("--width", 33), "camera width is 33: expected an even number >= 64"),
     "workers": (("--workers", 0), "workers is 0: expected 1 to 1024"),
