@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 from basetree.errors import SettingsError
 from basetree.settings import Settings, label, weights
-from calib import PinholeCamera
+from calib import PinholeCamera, pixels_to_rays
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, check_number, number
 
 DEPTH_KINDS = ("stereo", "tof")
+_FARTHEST_DEG = 83.0  # off the axis: a bent picture is drawn through a pinhole that sees all of it
 
 
 def ideal_camera(width: int, height: int, horizontal_fov_deg: float = 85.0) -> PinholeCamera:
@@ -36,6 +37,18 @@ def _check_size(width: int, height: int) -> None:
             raise SettingsError(f"camera {name} is {value}: expected an even number >= 64")
 
 
+def _check_view(camera: PinholeCamera) -> None:
+    width, height = float(camera.width), float(camera.height)
+    corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]
+    rays = pixels_to_rays(camera, corners)
+    farthest_deg = max(math.degrees(math.atan(math.hypot(x, y))) for x, y, _ in rays)
+    if farthest_deg > _FARTHEST_DEG:
+        raise SettingsError(
+            f"the camera sees {farthest_deg:.0f} degrees or more off its axis in a corner: expected"
+            f" at most {_FARTHEST_DEG:g}, as a pinhole draws it; crop the picture to its middle"
+        )
+
+
 @dataclass(frozen=True)
 class PoseSettings(Settings):
     """How a camera is carried. Each view draws from these ranges."""
@@ -53,7 +66,7 @@ class CameraSettings(Settings):
     """The camera."""
 
     intrinsics: PinholeCamera = field(default_factory=lambda: ideal_camera(1280, 720))
-    """Intrinsics; width and height are even."""
+    """Intrinsics; width and height are even, and no corner is more than 83 degrees off the axis."""
     mast: PoseSettings = PoseSettings((2.0, 3.4), (-22.0, -2.0), (-5.0, 5.0))
     """How the camera is carried on a machine's mast."""
     hand: PoseSettings = PoseSettings((1.2, 1.9), (-12.0, 6.0), (-6.0, 6.0))
@@ -63,6 +76,7 @@ class CameraSettings(Settings):
 
     def _check_together(self) -> None:
         _check_size(self.intrinsics.width, self.intrinsics.height)
+        _check_view(self.intrinsics)
 
     @classmethod
     def of_size(cls, width: int, height: int, horizontal_fov_deg: float = 85.0) -> CameraSettings:

@@ -114,6 +114,21 @@ def test_a_camera_file_and_a_reach_are_taken_over(call: Call, tmp_path: Path):
     assert images[0]["camera"] == camera.to_dict()
 
 
+@pytest.mark.parametrize(("focal_px", "code"), [(286.0, 2), (450.0, 0)])
+def test_a_fisheye_that_no_pinhole_can_draw_is_refused(
+    call: Call, tmp_path: Path, focal_px: float, code: int
+):
+    terms = (-0.006, 0.04, -0.04, 0.007)
+    lens = (424.0, 400.0, terms, "fisheye")
+    calib.save_camera(
+        tmp_path / "wide.json", calib.PinholeCamera(848, 800, focal_px, focal_px, *lens)
+    )
+    options = ("--camera", tmp_path / "wide.json", "--views", 1, "--frames", 3)
+    done, _, told = call("synth", "--out", tmp_path / "out", *options)
+    assert done == code
+    assert ("the camera sees 89 degrees or more off its axis in a corner" in told) == bool(code)
+
+
 def test_the_camera_of_a_settings_file_is_scaled_and_not_replaced(call: Call, tmp_path: Path):
     camera = calib.PinholeCamera(256, 144, 160.0, 162.0, 120.0, 60.0, (0.1, -0.02, 0.0, 0.0))
     file = tmp_path / "own.json"
