@@ -35,18 +35,20 @@ class DatasetOptions:
     frames: Annotated[
         int | None,
         typer.Option(
-            help="Number of frames; a larger number extends a dataset.", show_default="400"
+            help="Number of frames; a larger number extends a dataset.",
+            show_default="400; with --preset the preset's",
         ),
     ] = None
-    seed: Annotated[int | None, typer.Option(help="Seed of the simulation.", show_default="0")] = (
-        None
-    )
+    seed: Annotated[
+        int | None,
+        typer.Option(help="Seed of the simulation.", show_default="0; with --preset the preset's"),
+    ] = None
     preset: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
             help="Preset: paper, field, vegetation, drive, plain, test, field-test.",
-            show_default="field",
+            show_default="the conditions of field",
         ),
     ] = None
     settings: Annotated[
@@ -66,7 +68,9 @@ class PictureOptions:
     camera: Annotated[
         Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
     ] = None
-    views: Annotated[int | None, typer.Option(help="Frames per scene.", show_default="8")] = None
+    views: Annotated[
+        int | None, typer.Option(help="Frames per scene.", show_default="the preset's, of field 4")
+    ] = None
     reach: Annotated[
         float | None,
         typer.Option(

@@ -25,6 +25,7 @@ _DEFAULT_MODEL = "edge-n"
 _STEPS = 20_000
 _MIX_SHARE = 0.5
 _PAPER_START = "for the paper's backbones with starting weights"
+_TRANSFER = "with the recipe transfer"
 
 _HasBranch = Annotated[
     bool | None,
@@ -219,15 +220,21 @@ class StartOptions:
         ),
     ] = None
     freeze_level: Annotated[
-        int | None, option_of(TrainSettings, "freeze_level", default=f"2 {_PAPER_START}, else 0")
+        int | None,
+        option_of(
+            TrainSettings, "freeze_level", default=f"2 {_PAPER_START} or {_TRANSFER}, else 0"
+        ),
     ] = None
     frozen_norms: Annotated[
-        bool | None, option_of(TrainSettings, "frozen_norms", default=f"only {_PAPER_START}")
+        bool | None,
+        option_of(TrainSettings, "frozen_norms", default=f"only {_PAPER_START} or {_TRANSFER}"),
     ] = None
     frozen_steps: int | None = None
     backbone_rate_share: float | None = None
     keep_weights: float | None = None
-    keep_features: float | None = None
+    keep_features: Annotated[
+        float | None, option_of(TrainSettings, "keep_features", default=f"0; 1 {_TRANSFER}")
+    ] = None
 
     def weights(self) -> Init | None:
         """The starting weights; None for random ones. Raises SettingsError."""

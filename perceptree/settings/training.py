@@ -83,7 +83,7 @@ class TrainSettings(Settings):
     """Decay per step of the moving average of the weights; 0 for no average."""
     evaluate_every_steps: int = field(default=1000, metadata=_EVALUATE_EVERY)
     """Steps between evaluations on val."""
-    seed: int = field(default=0, metadata=limits(0, 2**63 - 1))
+    seed: int = field(default=0, metadata=limits(0, 2**63 - 1, expected="0 to 2**63 - 1"))
     """Seed of weights, order and augmentation."""
     freeze_level: int = field(default=0, metadata=limits(0, LAST_LEVEL))
     """Freeze the backbone up to the maps of stride 2**N; 0 freezes nothing, 2 is Detectron2's

@@ -16,6 +16,8 @@ import typer
 
 from edgetree.cli import app as edgetree_app
 from perceptree.cli import app as perceptree_app
+from perceptree.commands.synth import chosen_preset
+from perceptree.training.recipes import RECIPES, recipe_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = {"edgetree": edgetree_app, "perceptree": perceptree_app}
@@ -74,6 +76,28 @@ def test_every_command_shows_an_example_that_it_takes(path: str) -> None:
     command.make_context(path, words[len(names) :], context.parent)
     shown = command.get_help(context).partition("Example:\n")[2]
     assert shlex.split(shown.replace("\\\n", "")) == words
+
+
+def help_of(path: str, option: str) -> str:
+    """The help of one option of a command, with its default, in one line."""
+    command, context = COMMANDS[path]
+    (param,) = (each for each in command.get_params(context) if option in each.opts)
+    return " ".join(param.get_help_record(context)[1].split())
+
+
+def test_the_help_of_synth_has_the_defaults_that_hold() -> None:
+    start = chosen_preset(None)
+    assert f"default: ({start.frames}; with --preset" in help_of("perceptree synth", "--frames")
+    assert f"default: ({start.seed}; with --preset" in help_of("perceptree synth", "--seed")
+    assert f"of field {start.settings.views_per_scene})" in help_of("perceptree synth", "--views")
+
+
+def test_the_help_of_train_names_what_the_recipe_transfer_changes() -> None:
+    usual = recipe_settings("scratch", steps=1)
+    for name in RECIPES["transfer"].keys() & {"freeze_level", "frozen_norms", "keep_features"}:
+        assert getattr(usual, name) != RECIPES["transfer"][name]
+        shown = help_of("perceptree train", f"--{name.replace('_', '-')}")
+        assert "with the recipe transfer" in shown
 
 
 def test_options_stand_in_groups() -> None:
