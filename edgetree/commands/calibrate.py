@@ -61,7 +61,7 @@ _Out: TypeAlias = Annotated[Path, typer.Option(help="The camera file (JSON) to w
 _Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Folder with a depth image of the same stem for each picture. The scale and offset of"
+        help="Folder with a depth image of the same name for each picture. The scale and offset of"
         " the depth are then estimated too, and written next to the camera file."
     ),
 ]
