@@ -39,6 +39,8 @@ def check_rig(
     Compares jumps in depth with edges in colour, the given vertical with the stems, and the scale
     of depth with the machine's motion. Each check holds, does not hold, or cannot tell.
 
+    Stereo pairs (--right) are refused: their depth comes from the colour itself.
+
     The exit code is 1 if a check does not hold.
     """
     from basetree.errors import CheckFailed, InputError
