@@ -21,7 +21,7 @@ RESULTS: Final = "Results"
 
 CAMERA_FILES = (
     "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, ORB-SLAM,"
-    " RealSense, ZED. NAME selects one of several cameras in a file."
+    " RealSense, ZED, DepthAI, Record3D. NAME selects one of several cameras in a file."
 )
 
 Json: TypeAlias = Annotated[
