@@ -21,6 +21,7 @@ from calib import load_camera, load_transform
 from calib.files.stereo import load_stereo
 from edgetree import sample_frames
 from edgetree.cli import app as edgetree_app
+from edgetree.sample_files import write_samples
 from perceptree.cli import app as perceptree_app
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -97,14 +98,10 @@ def test_a_wrong_option_is_seen() -> None:
 
 @pytest.fixture
 def frame_folder(tmp_path: Path) -> Path:
-    """A sample frame under the names that the examples use."""
+    """What the examples read: the samples, and the folder of the program that measures files."""
+    write_samples(tmp_path / "samples")
+    shutil.copy(tmp_path / "samples" / "camera.json", tmp_path)
     frame = sample_frames()[0]
-    shutil.copy(frame.depth_path, tmp_path / "frame_depth_mm.png")
-    camera = {"schema": "calib.camera/1", **frame.camera.to_dict()}
-    (tmp_path / "camera.json").write_text(json.dumps(camera))
-    (tmp_path / "samples" / "depth").mkdir(parents=True)
-    shutil.copy(frame.depth_path, tmp_path / "samples" / "depth" / "sample_0.png")
-    shutil.copy(tmp_path / "camera.json", tmp_path / "samples")
     (tmp_path / "spool").mkdir()
     shutil.copy(frame.image_path, tmp_path / "spool" / "frame.jpg")
     shutil.copy(frame.depth_path, tmp_path / "spool" / "frame_depth_mm.png")
