@@ -141,12 +141,26 @@ def _test_split_names(folder: Path) -> frozenset[str]:
     files = (folder / f"{split}_RGB.json" for split in ("test", "val"))
     path = next((path for path in files if path.is_file()), None)
     if path is None:
-        return frozenset()
+        return _names_of_last_split(folder)
     try:
         images = json.loads(read_regular(path))["images"]
         return frozenset(Path(image["file_name"]).stem for image in images)
     except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: not a COCO file ({error!r:.200}), expected images") from error
+
+
+def _names_of_last_split(folder: Path) -> frozenset[str]:
+    """The same by label files of other layouts; none if they do not divide the pictures."""
+    from perceptree.data.dataset import read_labels
+    from perceptree.data.layouts import find_splits
+    from perceptree.errors import DatasetError
+
+    try:
+        splits = find_splits(folder)  # in the order train, val, test
+        frames = read_labels(splits[-1]).frames if len(splits) > 1 else []
+    except DatasetError:
+        return frozenset()
+    return frozenset(frame.image_path.stem for frame in frames)
 
 
 def find_views(

@@ -56,6 +56,17 @@ def test_of_other_layouts_the_test_split_is_compared_on(tmp_path: Path) -> None:
     assert len(find_frames(tmp_path, "rgb", 20)) == 3
 
 
+def test_of_splits_that_share_a_folder_of_pictures_the_test_split_is_compared_on(
+    tmp_path: Path,
+) -> None:
+    for split in ("train", "test"):
+        write_image(tmp_path / "images" / f"{split}.jpg")
+        write_labels(tmp_path / "annotations" / f"instances_{split}.json", f"{split}.jpg")
+    compared = find_frames(tmp_path, "rgb", 20, test_split=True)
+    assert [path.name for path in compared] == ["test.jpg"]
+    assert len(find_frames(tmp_path, "rgb", 20)) == 2
+
+
 def test_without_a_test_split_the_validation_split_is_compared_on(tmp_path: Path) -> None:
     for split in ("train", "val"):
         write_image(tmp_path / "images" / f"{split}.jpg")
