@@ -16,8 +16,7 @@ from typing import Any
 from basetree.files.writing import write_text
 from benchmarks.tools.program import command_line
 from perceptree.data import SPLITS
-from perceptree.simulator.photographs.folder import CREDITS, dataset_credits
-from perceptree.training.origin import labelled_reach_m
+from perceptree.data.stated import stated, write_stated
 
 FILES = ("file_name", "depth_file", "depth8_file", "depth_exact_file")
 
@@ -48,12 +47,7 @@ def join(folders: list[Path], out: Path) -> None:
             link.symlink_to(os.path.relpath(folder, out), target_is_directory=True)
     for split in SPLITS:
         write_text(out / f"{split}_RGB.json", json.dumps(joined(folders, split)))
-    owed: list[dict[str, Any]] = []
-    for folder in folders:
-        owed += [each for each in dataset_credits(folder / "settings.json") if each not in owed]
-    reach_m = labelled_reach_m(folders)
-    content = {CREDITS: owed} | ({} if reach_m is None else {"reach_m": reach_m})
-    write_text(out / "settings.json", json.dumps(content) + "\n")
+    write_stated(out, stated(folders))
 
 
 def main() -> None:

@@ -67,7 +67,7 @@ def split(
         note(f"pictures of {named} are divided anew")
     with progress("comparing pictures", len(frames), shown=not as_json) as bar:
         splits = divide(frames, {"val": val, "test": test}, by, seed, bar.update)
-    _write(out, splits, "coco", as_json)
+    _write(out, splits, "coco", as_json, _folders(datasets))
 
 
 def merge(
@@ -93,7 +93,7 @@ def merge(
     dataset = read_labels(replace(labels, keypoints=keypoints), crowds_as_trees=crowds_as_trees)
     _tell_notes(dataset)
     split = labels.split if labels.names_split else None
-    _write(out, {split: dataset.frames}, "coco", as_json)
+    _write(out, {split: dataset.frames}, "coco", as_json, [labels.root])
 
 
 def convert(
@@ -109,7 +109,11 @@ def convert(
     splits: dict[str | None, list[FrameRecord]] = {}
     for split, dataset in datasets:
         splits.setdefault(split, []).extend(dataset.frames)
-    _write(out, splits, form, as_json)
+    _write(out, splits, form, as_json, _folders(datasets))
+
+
+def _folders(datasets: Sequence[tuple[str | None, Dataset]]) -> list[Path]:
+    return sorted({dataset.labels.root for _, dataset in datasets})
 
 
 def _read(
@@ -140,11 +144,15 @@ def _tell_notes(dataset: Dataset) -> None:
 
 
 def _write(
-    out: Path, splits: Mapping[Any, Sequence[FrameRecord]], form: str, as_json: bool
+    out: Path,
+    splits: Mapping[Any, Sequence[FrameRecord]],
+    form: str,
+    as_json: bool,
+    sources: Sequence[Path],
 ) -> None:
     from perceptree.data.exchange.writing import write_dataset
 
-    for line in write_dataset(out, splits, form):
+    for line in write_dataset(out, splits, form, sources):
         note(line)
     counts = {
         split or "all": {

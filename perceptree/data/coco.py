@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -29,6 +29,7 @@ class TreeRecord:
         species: Species, if the file names it.
         marked: Whether the annotation says `ignore`.
         far: Whether the tree is farther away than labels are certain (`--certain`).
+        extra: Further fields of a simulated tree as they stand in the file, for its copies.
     """
 
     number: int
@@ -40,6 +41,7 @@ class TreeRecord:
     species: str | None = None
     marked: bool = False
     far: bool = False
+    extra: dict[str, Any] = field(default_factory=dict)
 
     @property
     def ignored(self) -> bool:
@@ -58,7 +60,8 @@ class FrameRecord:
         depth8_path: 8-bit depth image, if any.
         width: Image width in px.
         height: Image height in px.
-        extra: The fields camera, up_camera, depth_encoding and scene, as far as the file has them.
+        extra: The fields camera, up_camera, depth_encoding and scene, and those of the simulator
+            that copies of the dataset keep, as far as the file has them.
         trees: Labelled trees.
         exact_path: 16-bit exact depth of a simulated frame, if any.
         exact_stride_px: Its file holds every n-th pixel of every n-th row; this is n.

@@ -227,6 +227,11 @@ def is_undivided(source: Path) -> bool:
     return bool(files) and not any(file.names_split for file in files)
 
 
+def dataset_folder(source: Path) -> Path:
+    """The folder of a dataset that is given as a folder, or as one of its label files."""
+    return _explicit_file(source, None).root if source.is_file() else source
+
+
 def find_splits(
     directory: Path, fold: int | None = None, entire_tree: bool = False
 ) -> list[LabelFile]:

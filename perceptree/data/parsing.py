@@ -32,7 +32,15 @@ from perceptree.keypoints import KEYPOINT_NAMES
 OnError = Callable[[EntryError], None]
 
 _TRUTH_FIELDS = ("distance_m", "diameter_m", "cut_height_m", "inclination_deg", "visible_fraction")
-_FRAME_FIELDS = ("camera", "up_camera", "depth_encoding", "scene")
+_FRAME_FIELDS = (
+    *("camera", "up_camera", "depth_encoding", "scene"),
+    *("depth_sensor", "pose", "realism", "time_s", "pose_world"),
+)
+# Of simulated trees; no part of this package uses them, but copies of a dataset keep them.
+_TREE_FIELDS = (
+    *("diameter_height_m", "diameter_breast_m", "position_m", "position_world_m"),
+    *("model", "stem"),
+)
 _BORDER_PX = 1.0
 _CHUNK = 512
 
@@ -244,6 +252,7 @@ class Parser:
                 one.truth,
                 _species(one.entry),
                 one.marked,
+                extra={name: one.entry[name] for name in _TREE_FIELDS if name in one.entry},
             )
             for one, box, points in zip(found, boxes, self._keypoints_in_frame(found), strict=True)
         ]

@@ -11,6 +11,7 @@ _TYPES: Final[dict[str, Any]] = {
     "perceptree.checkpoint/1": training.Checkpoint,
     "perceptree.data-check/1": datasets.DataCheck,
     "perceptree.data-compare/1": datasets.DataCompare,
+    "perceptree.data-settings/1": datasets.DataSettings,
     "perceptree.data-written/1": datasets.DataWritten,
     "perceptree.evaluation/1": evaluation.Evaluation,
     "perceptree.frozen-set/1": datasets.FrozenSet,

@@ -124,6 +124,13 @@ class SynthSettings(TypedDict):
     textures: NotRequired[list[dict[str, Any]]]
 
 
+class DataSettings(TypedDict):
+    """`settings.json` of `data split`, `merge` and `convert`: what the sources' states."""
+
+    textures: NotRequired[list[dict[str, Any]]]
+    reach_m: NotRequired[float]
+
+
 class SplitFigures(TypedDict):
     """Numbers of a split."""
 

@@ -9,11 +9,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from perceptree.data.stated import folder_credits
 from perceptree.models import load_checkpoint
-from perceptree.simulator.photographs import dataset_credits
 from perceptree.training.starting import Init, describe_init
-
-_SETTINGS = "settings.json"
 
 Credits = dict[str, list[dict[str, Any]]]
 """`pretrained` (weights, sha256, licence) and `photographs` (kind, source, licence, names)."""
@@ -39,11 +37,7 @@ def training_credits(
         known = describe_init(init, backbone)
         parts.append({"pretrained": [{"weights": known["name"]} | known]})
     parts += [load_checkpoint(path)[1]["training"] for path in checkpoints]
-    parts += [
-        {"photographs": dataset_credits(folder / _SETTINGS)}
-        for folder in folders
-        if (folder / _SETTINGS).is_file()
-    ]
+    parts.append({"photographs": folder_credits(folders)})
     return joined_credits(parts)
 
 

@@ -1,16 +1,12 @@
-"""What a checkpoint tells of its frames: scenes of the simulator, looks, reach of the labels."""
+"""What a checkpoint tells of its frames: scenes of the simulator and looks."""
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from basetree.arrays import UInt8
-from basetree.files.regular import read_regular
 from calib import DepthEncoding, Letterbox, picture_statistics, usual_ranges
 from perceptree.data import FrameRecord
 from perceptree.data.cache import FrameCache
@@ -18,7 +14,6 @@ from perceptree.data.check.leakage import scene_of
 from perceptree.data.frames import source_path
 from perceptree.models import ModelSpec
 from perceptree.simulator.dataset.scene_job import MAX_SCENES
-from perceptree.simulator.dataset.storage import SETTINGS_FILE
 
 _MOST_PICTURES = 300
 
@@ -43,27 +38,6 @@ def simulated_scenes(frames: Sequence[FrameRecord]) -> list[dict[str, int]]:
         {"seed": seed, "scenes": max(found) + 1, "frames": len(found)}
         for seed, found in sorted(numbers.items())
     ]
-
-
-def labelled_reach_m(folders: Iterable[Path]) -> float | None:
-    """The distance up to which trees are labelled in all of these datasets, m.
-
-    Returns:
-        What the datasets' `settings.json` state; None if one states nothing, or they differ.
-    """
-    found = {_stated_reach_m(folder / SETTINGS_FILE) for folder in folders}
-    return found.pop() if len(found) == 1 else None
-
-
-def _stated_reach_m(settings_file: Path) -> float | None:
-    """The reach in a file of the simulator, or of joined datasets."""
-    try:
-        content = json.loads(read_regular(settings_file))
-        stated = content.get("reach_m") or content["settings"]["labels"]["reach_m"]
-    except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):
-        return None
-    is_number = isinstance(stated, int | float) and not isinstance(stated, bool)
-    return float(stated) if is_number and 0 < stated <= sys.float_info.max else None
 
 
 def usual_pictures(

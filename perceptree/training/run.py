@@ -13,6 +13,7 @@ import torch
 from basetree.errors import InputFileError, SettingsError
 from basetree.files.locking import locked
 from basetree.files.names import is_utf8
+from perceptree.data.layouts import dataset_folder
 from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN
 from perceptree.settings.training import EXTENDABLE_SETTINGS, DataSource, Engine, TrainSettings
@@ -241,7 +242,8 @@ class _TrainingRun:
     def _credits(self, before: Any) -> Credits:
         """The credits of the starting weights and data, and those of the state it goes on from."""
         files = [*files_of(self.init), *([] if self.heads is None else [self.heads])]
-        folders = [self.source.directory, *([self.source.mix] if self.source.mix else [])]
+        sources = [self.source.directory, *([self.source.mix] if self.source.mix else [])]
+        folders = [dataset_folder(each) for each in sources]
         own = training_credits(self.init, self.spec.backbone, files, folders)
         return joined_credits([own, before if isinstance(before, dict) else {}])
 

@@ -23,10 +23,11 @@ from perceptree.data.entries import EntryError
 from perceptree.data.exact import with_exact_depth
 from perceptree.data.grading import ignored_note
 from perceptree.data.layouts import is_undivided
+from perceptree.data.stated import labelled_reach_m
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.settings.training import DataSource, Engine
-from perceptree.training.origin import labelled_reach_m, simulated_scenes, usual_pictures
+from perceptree.training.origin import simulated_scenes, usual_pictures
 
 CACHE_FOLDER = ".frame-cache"
 _NAMES_SHOWN = 3
@@ -125,7 +126,7 @@ def open_data(
     ]
     sets = [(cache, train.frames) for cache, train in zip(caches, trains, strict=True)]
     scenes = simulated_scenes([frame for train in trains for frame in train.frames])
-    reach_m = None if certain_m else labelled_reach_m(each.directory for each in sources)
+    reach_m = None if certain_m else labelled_reach_m(train.labels.root for train in trains)
     return TrainingData(
         ", ".join(each.directory.name for each in sources),
         caches[0],

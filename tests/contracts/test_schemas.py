@@ -88,6 +88,7 @@ SCHEMAS = {
     "perceptree/commands/tables.py": {"perceptree.table/1"},
     "perceptree/commands/train.py": {"perceptree.train/1"},
     "perceptree/data/exchange/write_coco.py": {"perceptree.labels/2"},
+    "perceptree/data/stated.py": {"perceptree.data-settings/1"},
     "perceptree/evaluation/report.py": {"perceptree.evaluation/1"},
     "perceptree/evaluation/shards.py": {"perceptree.predictions/1"},
     "perceptree/models/checkpoint.py": {"perceptree.checkpoint/1"},

@@ -7,8 +7,8 @@ import numpy as np
 
 from basetree.files.writing import write_image
 from perceptree.data import read_dataset
+from perceptree.data.stated import labelled_reach_m
 from perceptree.simulator.photographs import dataset_credits
-from perceptree.training.origin import labelled_reach_m
 from release.join import join
 
 

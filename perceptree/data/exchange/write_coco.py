@@ -13,6 +13,7 @@ from basetree.files.writing import write_text
 from calib import image_to_opencv
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.exchange.places import Places
+from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
 _DECIMALS = 3
@@ -34,7 +35,7 @@ def write_coco(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]]) ->
         for number, frame in enumerate(frames, 1):
             for tree in frame.trees:
                 place = len(content["annotations"]) + 1
-                content["annotations"].append(_annotation(place, number, tree))
+                content["annotations"].append(_annotation(place, number, tree, frame))
         name = "annotations.json" if split is None else f"{split}_RGB.json"
         write_text(out / name, json.dumps(content))
     return []
@@ -61,18 +62,19 @@ def _image(number: int, frame: FrameRecord, places: Places) -> dict[str, Any]:
     return entry
 
 
-def _annotation(number: int, image: int, tree: TreeRecord) -> dict[str, Any]:
+def _annotation(number: int, image: int, tree: TreeRecord, frame: FrameRecord) -> dict[str, Any]:
     x0, y0, x1, y1 = (round(float(value), _DECIMALS) for value in tree.box_px)
     points = np.array(tree.keypoints, np.float64)
     labelled = points[:, 2] > 0
     points[labelled, :2] = image_to_opencv(points[labelled, :2])
     wide, high = round(x1 - x0, _DECIMALS), round(y1 - y0, _DECIMALS)
+    area_px = _mask_area_px(frame, tree)
     entry: dict[str, Any] = {
         "id": number,
         "image_id": image,
         "category_id": 1,
         "bbox": [x0, y0, wide, high],
-        "area": round(wide * high, _DECIMALS),
+        "area": round(wide * high, _DECIMALS) if area_px is None else area_px,
         "iscrowd": int(tree.crowd),
         "keypoints": [
             value
@@ -81,6 +83,7 @@ def _annotation(number: int, image: int, tree: TreeRecord) -> dict[str, Any]:
         ],
         "num_keypoints": int(labelled.sum()),
         **tree.truth,
+        **tree.extra,
     }
     if tree.segmentation is not None:
         entry["segmentation"] = tree.segmentation
@@ -89,3 +92,13 @@ def _annotation(number: int, image: int, tree: TreeRecord) -> dict[str, Any]:
     if tree.species is not None:
         entry["species"] = tree.species
     return entry
+
+
+def _mask_area_px(frame: FrameRecord, tree: TreeRecord) -> int | None:
+    """Pixels of a tree's mask, as COCO means the area; None without a mask that can be read."""
+    if tree.segmentation is None:
+        return None
+    try:
+        return int(frame.mask(tree).sum())
+    except DatasetError:  # the run lengths are broken, which `perceptree data check` tells
+        return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from perceptree.data.coco import FrameRecord
 from perceptree.data.exchange.write_coco import write_coco
 from perceptree.data.exchange.write_labelme import write_labelme
 from perceptree.data.exchange.write_yolo import write_yolo
+from perceptree.data.stated import stated, write_stated
 from perceptree.errors import DatasetError
 
 _Writer = Callable[[Path, Mapping[str | None, Sequence[FrameRecord]]], list[str]]
@@ -40,22 +41,31 @@ def check_output(out: Path, form: str, source: Path) -> None:
 
 
 def write_dataset(
-    out: Path, splits: Mapping[str | None, Sequence[FrameRecord]], form: str = "coco"
+    out: Path,
+    splits: Mapping[str | None, Sequence[FrameRecord]],
+    form: str = "coco",
+    sources: Iterable[Path] = (),
 ) -> list[str]:
     """Write labels and copies of the pictures; the folder appears when all is there.
+
+    What the datasets that the frames come from state of their photographs and of the reach of
+    their labels is passed on in `settings.json`.
 
     Args:
         out: Folder to make.
         splits: Frames of each split; None for frames without a split.
         form: One of `WRITTEN_FORMS`.
+        sources: Folders of the datasets that the frames come from.
 
     Returns:
         Messages for the user about what the form cannot hold.
 
     Raises:
-        DatasetError: If a picture cannot be read.
+        DatasetError: If a picture, or what a dataset states, cannot be read.
         UnwritableFile: If a file cannot be written.
     """
+    passed_on = stated(sources)
     out.resolve().parent.mkdir(parents=True, exist_ok=True)
     with replacing_folder(out) as folder:
+        write_stated(folder, passed_on)
         return _WRITERS[form](folder, splits)

@@ -21,6 +21,7 @@ from perceptree.data.content import has_keypoints, is_coco
 from perceptree.data.dataset import read_labels
 from perceptree.data.exchange.reading import read_any
 from perceptree.data.layouts import LabelFile
+from perceptree.data.stated import labelled_reach_m
 from perceptree.evaluation.shards import read_predictions
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import make_spec
@@ -31,7 +32,6 @@ from perceptree.simulator.photographs import dataset_credits
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.tables.build import read_tables
 from perceptree.tables.results import read_result
-from perceptree.training.origin import labelled_reach_m
 from perceptree.training.plot import read_curves
 
 _SETTINGS = b'{"stand": {"stems_per_ha": [400, 500]}, "camera": {"mast_share": 0.5}}'

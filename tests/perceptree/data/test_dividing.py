@@ -114,6 +114,64 @@ def test_the_command_writes_a_dataset_that_trains(export: Path, call: Call, tmp_
     assert not Check(out).run().findings
 
 
+def test_a_copy_keeps_what_the_simulator_says(export: Path, call: Call, tmp_path: Path) -> None:
+    labels = export / "instances_default.json"
+    content = json.loads(labels.read_text())
+    of_image = {
+        "depth_sensor": {"kind": "tof"},
+        "pose": {"carrier": "mast"},
+        "realism": {"grass_cover": 0.5},
+        "time_s": 1.5,
+        "pose_world": {"origin_m": [0, 0, 1], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]},
+    }
+    of_tree = {
+        "diameter_height_m": 0.6,
+        "diameter_breast_m": 0.28,
+        "position_m": [0.5, 1.0, 4.9],
+        "position_world_m": [4.9, -0.5, 0.2],
+        "model": "old post",
+        "stem": 7,
+    }
+    for image in content["images"]:
+        image |= of_image
+    for tree in content["annotations"]:
+        tree |= of_tree
+    labels.write_text(json.dumps(content))
+    owed = [{"kind": "bark", "source": "someone", "licence": "CC0", "names": ["oak"]}]
+    settings = {"settings": {"labels": {"reach_m": 12.0}}, "textures": owed, "seed": 3}
+    (export / "settings.json").write_text(json.dumps(settings))
+
+    for source, name in ((export, "folder"), (labels, "file")):
+        out = tmp_path / name
+        assert call("data", "split", source, "--out", out, "--val", 0.25, "--test", 0.25)[0] == 0
+        assert json.loads((out / "settings.json").read_text()) == {
+            "textures": owed,
+            "reach_m": 12.0,
+        }
+        copied = json.loads((out / "train_RGB.json").read_text())
+        check_schema(copied, "perceptree.labels")
+        assert all(of_image.items() <= image.items() for image in copied["images"])
+        assert all(of_tree.items() <= tree.items() for tree in copied["annotations"])
+        of_mask = {tree["area"] for tree in content["annotations"]}
+        assert {tree["area"] for tree in copied["annotations"]} <= of_mask
+    assert call("data", "convert", out, "--out", tmp_path / "again")[0] == 0
+    assert json.loads((tmp_path / "again" / "settings.json").read_text())["reach_m"] == 12.0
+
+
+def test_the_area_of_a_copied_tree_is_that_of_its_mask(
+    export: Path, call: Call, tmp_path: Path
+) -> None:
+    labels = export / "instances_default.json"
+    content = json.loads(labels.read_text())
+    tree = content["annotations"][0]
+    left, top, wide, high = tree["bbox"]
+    tree["segmentation"] = [[left, top, left + wide, top, left, top + high]]  # half of the box
+    labels.write_text(json.dumps(content))
+    assert call("data", "convert", export, "--out", tmp_path / "copy")[0] == 0
+    copied = json.loads((tmp_path / "copy" / "annotations.json").read_text())["annotations"][0]
+    assert copied["area"] == pytest.approx(wide * high / 2, rel=0.2)
+
+
 def test_one_export_trains_with_a_split_that_is_told(
     export: Path, call: Call, tmp_path: Path
 ) -> None:

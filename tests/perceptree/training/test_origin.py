@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import pytest
 
 from calib import DepthEncoding, picture_statistics
 from perceptree.data import read_frame, read_split
+from perceptree.data.stated import labelled_reach_m
 from perceptree.models import load_checkpoint
+from perceptree.settings.training import DataSource
 from perceptree.training import train
-from perceptree.training.origin import labelled_reach_m
 
 Make = Callable[..., Any]
 
@@ -59,6 +61,21 @@ def test_how_far_trees_are_labelled_is_recorded(
     stated(posts, {"settings": {"labels": {"reach_m": 12}}})
     report = train(narrow(), plan(steps=1), posts, tmp_path / "run")
     assert load_checkpoint(report.checkpoint)[1]["training"]["reach_m"] == 12.0
+
+
+def test_a_label_file_that_is_mixed_in_brings_what_its_folder_states(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    owed = [{"kind": "bark", "source": "someone"}]
+    stated(posts, {"settings": {"labels": {"reach_m": 12}}, "textures": owed})
+    other = tmp_path / "other"
+    shutil.copytree(posts, other)
+    (posts / "settings.json").write_text('{"reach_m": 12}')
+    source = DataSource(posts, mix=other / "train_RGB.json")
+    report = train(narrow(), plan(steps=1, batch=2, mix_share=0.5), source, tmp_path / "run")
+    training = load_checkpoint(report.checkpoint)[1]["training"]
+    assert training["reach_m"] == 12.0
+    assert training["photographs"] == owed
 
 
 def test_datasets_of_one_reach_are_told_from_others(tmp_path: Path) -> None:
