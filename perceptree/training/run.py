@@ -37,6 +37,7 @@ from perceptree.training.trainer import Trainer, TrainReport
 _NEED_START = ("frozen_norms", "frozen_steps", "keep_weights", "keep_features")
 _CREDITS = "credits"  # in a state
 _VAL_HASH = "val frames hash"
+_MODEL = "model settings"
 
 
 def train(
@@ -222,16 +223,18 @@ class _TrainingRun:
 
     def _state(self, data: TrainingData) -> dict[str, Any] | None:
         """The state to continue: this run's, or else that of the run it branches from."""
+        known = {_MODEL: _spec_defaults(self.spec)}  # for states of older versions
         if self._resumable:
             identity = self._identity(data)
             defaults = {
+                **known,
                 "settings": _fixed_settings(TrainSettings(steps=1)),
-                "data": {_VAL_HASH: identity["data"][_VAL_HASH]},  # states of older versions
+                "data": {_VAL_HASH: identity["data"][_VAL_HASH]},
             }
             return read_state(self.out / STATE_NAME, identity, defaults)
         if self.branch is None:
             return None
-        return read_state(self.branch / STATE_NAME, {"model settings": self.spec.to_dict()})
+        return read_state(self.branch / STATE_NAME, {_MODEL: self.spec.to_dict()}, known)
 
     def _origin(self) -> dict[str, Any]:
         if self.branch is not None:
@@ -250,7 +253,7 @@ class _TrainingRun:
     def _identity(self, data: TrainingData) -> dict[str, dict[str, Any]]:
         origin = self._origin()
         return {
-            "model settings": self.spec.to_dict(),
+            _MODEL: self.spec.to_dict(),
             "settings": _fixed_settings(self.settings),
             "starting weights": {
                 "weights": origin.get("sha256", origin["name"]),
@@ -258,6 +261,16 @@ class _TrainingRun:
             },
             "data": data.describe(),
         }
+
+
+def _spec_defaults(spec: ModelSpec) -> dict[str, Any]:
+    """The fields of a spec that have a default, at it."""
+    told = spec.to_dict().keys()
+    return {
+        entry.name: entry.default
+        for entry in dataclasses.fields(ModelSpec)
+        if entry.name in told and entry.default is not dataclasses.MISSING
+    }
 
 
 def _fixed_settings(settings: TrainSettings) -> dict[str, Any]:

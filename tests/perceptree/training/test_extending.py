@@ -1,5 +1,6 @@
 """Extending, branching and early stopping of a training."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from basetree.errors import SettingsError
 from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics
 from perceptree.training import Engine, Status, train
+from perceptree.training.branching import BranchedRun
 from perceptree.training.run_log import LOG_NAME, RunLog, read_log
 
 Make = Callable[..., Any]
@@ -95,6 +97,24 @@ def test_a_branch_needs_a_run_of_the_same_network(
     train(narrow(), plan(steps=1), posts, tmp_path / "run")
     with pytest.raises(CheckpointError, match="other model settings: masks was True, is False"):
         train(narrow(masks=False), plan(), posts, tmp_path / "out", branch=tmp_path / "run")
+
+
+def test_the_state_of_an_older_version_goes_on_at_the_values_that_it_had(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    run, branch = tmp_path / "run", tmp_path / "branch"
+    train(narrow(), plan(steps=1), posts, run)
+    state = torch.load(run / "state.pt")
+    identity = json.loads(state["identity"])
+    for name in ("box_voting", "mask_score_weight", "reduction"):
+        del identity["model settings"][name]
+    torch.save(state | {"identity": json.dumps(identity)}, run / "state.pt")
+    old = BranchedRun.read(run).spec
+    weighed = dataclasses.replace(old, mask_score_weight=1.5)
+    with pytest.raises(CheckpointError, match=r"mask_score_weight was 0\.0, is 1\.5"):
+        train(weighed, plan(steps=1), posts, branch, branch=run)
+    assert train(old, plan(steps=1), posts, branch, branch=run).steps == 1
+    assert train(old, plan(steps=2), posts, run).steps == 2
 
 
 def test_it_ends_early_when_the_precision_no_longer_rises(
