@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from basetree.arrays import Float64
 from basetree.files.writing import write_text
 from perceptree.data.coco import FrameRecord, TreeRecord
-from perceptree.data.exchange.outlines import joined, outlines
+from perceptree.data.exchange.outlines import HOLES, SMALL_PARTS, joined, outlines
 from perceptree.data.exchange.places import Places
 from perceptree.data.exchange.yolo import FOLDER_OF_NONE
 from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
@@ -32,17 +32,23 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
         Messages for the user about what the form cannot hold.
     """
     places = Places(out, [frame for frames in splits.values() for frame in frames])
-    ignored, without, several, unheld, with_metres = 0, 0, 0, 0, 0
+    ignored, without, unheld, with_metres = 0, 0, 0, 0
+    several, holes, parts = 0, 0, 0
     for split, frames in splits.items():
         folder = split or FOLDER_OF_NONE
         for frame in frames:
             places.copy(frame.image_path, "images", folder)
             counted = [tree for tree in frame.trees if not tree.ignored]
             ignored += len(frame.trees) - len(counted)
-            row = partial(_pose, frame) if keypoints else partial(_polygon, frame)
-            lines = [line for tree in counted if (line := row(tree))]
+            if keypoints:
+                lines = [_pose(frame, tree) for tree in counted]
+            else:
+                traced = [outlines(frame, tree) for tree in counted]
+                lines = [_polygon(frame, one.parts) for one in traced if one.parts]
+                several += sum(len(one.parts) > 1 for one in traced)
+                holes += sum(one.fills_holes for one in traced)
+                parts += sum(one.drops_parts for one in traced)
             without += len(counted) - len(lines)
-            several += 0 if keypoints else sum(len(outlines(frame, tree)) > 1 for tree in counted)
             held = [
                 tree.segmentation is not None if keypoints else tree.keypoints.any()
                 for tree in counted
@@ -60,6 +66,8 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
         f"left out: the {lost} of {{}} trees, for which this form has no place": unheld,
         "left out: depth and metric values of {} frames, for which YOLO has no place": with_metres,
         "{} masks of several parts are joined to one outline by lines without width": several,
+        HOLES: holes,
+        SMALL_PARTS: parts,
     }
     return [text.format(count) for text, count in messages.items() if count]
 
@@ -92,11 +100,8 @@ def _pose(frame: FrameRecord, tree: TreeRecord) -> str:
 _CORNERS = (slice(0, 2), slice(2, 4))
 
 
-def _polygon(frame: FrameRecord, tree: TreeRecord) -> str:
-    """A line with the outline of a tree; empty without one."""
-    parts = outlines(frame, tree)
-    if not parts:
-        return ""
+def _polygon(frame: FrameRecord, parts: Sequence[Float64]) -> str:
+    """A line with the outlines (N, 2) of a tree in px, at least one."""
     shares = np.clip(joined(parts) / np.array([frame.width, frame.height]), 0, 1)
     return f"0 {_numbers(shares.reshape(-1))}"
 

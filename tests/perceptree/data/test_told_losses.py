@@ -1,0 +1,36 @@
+"""What a form cannot hold, and what a file says wrongly, is told with its number."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib import encode_rle
+
+Call = Callable[..., tuple[int, str, str]]
+Edit = Callable[..., None]
+
+
+@pytest.mark.parametrize("form", ["yolo-seg", "labelme"])
+def test_holes_and_small_parts_of_masks(
+    posts: Path, tmp_path: Path, call: Call, edit_split: Edit, form: str
+) -> None:
+    def change(content: dict[str, Any]) -> None:
+        for place, tree in enumerate(content["annotations"][:3]):
+            mask = np.zeros((72, 128), bool)
+            mask[8:60, 20:40] = True
+            if place < 2:
+                mask[30:34, 25:30] = False  # a hole
+                mask[31, 27] = True  # in which something lies, which is filled with it
+            if place > 1:
+                mask[10, 60] = True  # a part of one cell
+            tree["segmentation"] = encode_rle(mask)
+
+    edit_split(posts, "train", change)
+    labels = posts / "train_RGB.json"
+    code, _, errors = call("data", "convert", labels, "--out", tmp_path / "out", "--to", form)
+    assert code == 0, errors
+    assert "the holes of 2 masks are filled" in errors
+    assert "left out: parts of 1 masks smaller than 1 % of their largest part" in errors
