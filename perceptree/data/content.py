@@ -7,6 +7,7 @@ import mmap
 from pathlib import Path
 from typing import Any
 
+from basetree.files.json import unique_keys
 from basetree.files.regular import open_regular, read_regular
 from perceptree.errors import DatasetError
 
@@ -18,10 +19,10 @@ def load(path: Path) -> Any:
     """Read a JSON file in UTF-8, UTF-16 or UTF-32, with or without a byte order mark.
 
     Raises:
-        DatasetError: If it cannot be read or is not JSON.
+        DatasetError: If it cannot be read, is not JSON or gives a key of an object twice.
     """
     try:
-        return json.loads(read_regular(path))
+        return json.loads(read_regular(path), object_pairs_hook=unique_keys)
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
 
