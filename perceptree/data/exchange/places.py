@@ -6,10 +6,15 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from basetree.counts import counted
+from basetree.files.headers.formats import picture_header
+from basetree.files.headers.header import NotOffered
 from basetree.files.regular import read_regular
 from basetree.files.writing import write_whole
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
+
+_TURNED_BY_A_QUARTER = 5  # and more: EXIF orientations that change width and height
 
 
 class Places:
@@ -32,6 +37,8 @@ class Places:
                     own = Path(self._names[frame.image_path])
                     self._names_of_depth[path] = own.with_suffix(path.suffix).name
         self._copied: set[str] = set()
+        self._labelled_px = {frame.image_path: (frame.width, frame.height) for frame in frames}
+        self._other_sizes: dict[Path, str] = {}
 
     def copy(self, path: Path, *folders: str) -> str:
         """Copy a picture into a folder of the new one, once.
@@ -52,9 +59,33 @@ class Places:
             except OSError as error:
                 reason = error.strerror or "not a file"
                 raise DatasetError(f"{path}: picture cannot be read ({reason})") from error
+            self._compare_size(path, data)
             write_whole(target, data)
             self._copied.add(inside)
         return inside
+
+    def _compare_size(self, path: Path, data: bytes) -> None:
+        """Note a colour picture of another size than its labels say."""
+        wanted = self._labelled_px.get(path)
+        try:
+            header = picture_header(data)
+        except NotOffered:
+            header = None
+        if header is None or not header.is_whole or wanted is None:
+            return
+        stored = header.width, header.height
+        is_turned = header.orientation >= _TURNED_BY_A_QUARTER and wanted == stored[::-1]
+        if wanted != stored and not is_turned:
+            sizes = "{}x{} px and in its labels {}x{} px".format(*stored, *wanted)
+            self._other_sizes[path] = f"{path} is {sizes}"
+
+    def notes(self) -> list[str]:
+        """Return a message for the user if copied pictures have another size than labels say."""
+        if not self._other_sizes:
+            return []
+        count = counted(len(self._other_sizes), "picture")
+        first = next(iter(self._other_sizes.values()))
+        return [f"{count} of another size than in the labels, so that these do not fit: {first}"]
 
     def stem(self, frame: FrameRecord) -> str:
         """Return the name of a frame's picture without its suffix."""

@@ -23,7 +23,7 @@ def write_coco(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]]) ->
     """Write `SPLIT_RGB.json` for each split, `annotations.json` for frames without one.
 
     Returns:
-        Messages for the user about what COCO cannot hold: none.
+        Messages for the user about pictures that do not fit their labels.
     """
     places = Places(out, [frame for frames in splits.values() for frame in frames])
     for split, frames in splits.items():
@@ -38,7 +38,7 @@ def write_coco(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]]) ->
                 content["annotations"].append(_annotation(place, number, tree, frame))
         name = "annotations.json" if split is None else f"{split}_RGB.json"
         write_text(out / name, json.dumps(content))
-    return []
+    return places.notes()
 
 
 def _image(number: int, frame: FrameRecord, places: Places) -> dict[str, Any]:

@@ -22,7 +22,7 @@ def write_labelme(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]])
     """Write a folder for each split; `group_id` joins the shapes of one tree.
 
     Returns:
-        Messages for the user about what the form cannot hold.
+        Messages for the user about what the form cannot hold, and pictures that do not fit.
     """
     places = Places(out, [frame for frames in splits.values() for frame in frames])
     measured, holes, parts = 0, 0, 0
@@ -56,7 +56,7 @@ def write_labelme(out: Path, splits: Mapping[str | None, Sequence[FrameRecord]])
         HOLES: holes,
         SMALL_PARTS: parts,
     }
-    return [text.format(count) for text, count in messages.items() if count]
+    return [text.format(count) for text, count in messages.items() if count] + places.notes()
 
 
 def _shapes(tree: TreeRecord, parts: list[Float64], group: int) -> list[dict[str, Any]]:

@@ -29,7 +29,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
         keypoints: Whether boxes with keypoints are written; else polygons.
 
     Returns:
-        Messages for the user about what the form cannot hold.
+        Messages for the user about what the form cannot hold, and pictures that do not fit.
     """
     places = Places(out, [frame for frames in splits.values() for frame in frames])
     ignored, without, unheld, with_metres = 0, 0, 0, 0
@@ -69,7 +69,7 @@ def write_yolo(out: Path, splits: Splits, keypoints: bool) -> list[str]:
         HOLES: holes,
         SMALL_PARTS: parts,
     }
-    return [text.format(count) for text, count in messages.items() if count]
+    return [text.format(count) for text, count in messages.items() if count] + places.notes()
 
 
 def _settings(splits: Splits, keypoints: bool) -> Iterator[str]:

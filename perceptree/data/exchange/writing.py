@@ -58,7 +58,7 @@ def write_dataset(
         sources: Folders of the datasets that the frames come from.
 
     Returns:
-        Messages for the user about what the form cannot hold.
+        Messages for the user about what the form cannot hold, and pictures that do not fit.
 
     Raises:
         DatasetError: If a picture, or what a dataset states, cannot be read.
