@@ -140,13 +140,16 @@ class Trainer:
     def _train(self, save: Callable[[], None]) -> None:
         batches: Iterator[Batch] | None = None
         self._gradients.freeze(self.counts.step)
+        if self._is_due:  # an interruption came before the evaluation
+            self._evaluate()
+            self._save(save)
         while (done := self.processes.broadcast_number(self.counts.done(self.settings))) < 1.0:
             if batches is None:
                 batches = self._batches()
             with interrupt_afterwards():
                 self._train_step(batches, done)
             self._progress(self._status())
-            if self.counts.step % self.settings.evaluate_every_steps == 0:
+            if self._is_due:
                 self._evaluate()
                 self._save(save)
             elif time.monotonic() - self._saved_s >= self.engine.save_s:
@@ -154,6 +157,13 @@ class Trainer:
         if self.counts.evaluated_at != self.counts.step:
             self._evaluate()
             self._save(save)
+
+    @property
+    def _is_due(self) -> bool:
+        """Whether the weights of this step are to be evaluated and have not been."""
+        counts = self.counts
+        is_due = counts.step % self.settings.evaluate_every_steps == 0
+        return is_due and counts.first_step < counts.step != counts.evaluated_at
 
     def _save(self, save: Callable[[], None]) -> None:
         if self.processes.is_lead:

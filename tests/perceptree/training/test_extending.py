@@ -117,6 +117,22 @@ def test_the_state_of_an_older_version_goes_on_at_the_values_that_it_had(
     assert train(old, plan(steps=2), posts, run).steps == 2
 
 
+def test_an_evaluation_that_was_interrupted_is_made_up_for(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = plan(steps=4, evaluate_every_steps=2)
+
+    def stopped(*arguments: Any, **options: Any) -> Metrics:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(perceptree.training.trainer, "evaluate", stopped)
+        train(narrow(), settings, posts, tmp_path / "run")
+    train(narrow(), settings, posts, tmp_path / "run")
+    evaluated = [entry["step"] for entry in read_log(tmp_path / "run") if "val" in entry]
+    assert evaluated == [2, 4]
+
+
 def test_it_ends_early_when_the_precision_no_longer_rises(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
