@@ -17,6 +17,8 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from basetree.errors import SettingsError
 
 _TIMEOUT = timedelta(minutes=10)
+_LONGEST_WORK = timedelta(days=7)
+"""How long processes wait for what one of them does alone: the frame cache and evaluations."""
 
 
 class Processes:
@@ -25,10 +27,11 @@ class Processes:
     Attributes:
         rank: Number of this process.
         world: Number of processes.
+        waiting: The group in which they wait for what one of them does alone; None for all.
     """
 
-    def __init__(self, rank: int = 0, world: int = 1) -> None:
-        self.rank, self.world = rank, world
+    def __init__(self, rank: int = 0, world: int = 1, waiting: Any = None) -> None:
+        self.rank, self.world, self.waiting = rank, world, waiting
 
     @property
     def is_lead(self) -> bool:
@@ -58,13 +61,13 @@ class Processes:
         if self.world == 1:
             return value
         shared = [value]
-        dist.broadcast_object_list(shared, 0)
+        dist.broadcast_object_list(shared, 0, group=self.waiting)
         return shared[0]
 
     def barrier(self) -> None:
         """Wait until all processes have reached this call."""
         if self.world > 1:
-            dist.barrier()
+            dist.barrier(group=self.waiting)
 
 
 @contextmanager
@@ -95,7 +98,8 @@ def process_group(device: str) -> Iterator[Processes]:
             " expected a start by torchrun"
         ) from error
     try:
-        yield Processes(dist.get_rank(), world)
+        waiting = dist.new_group(timeout=_LONGEST_WORK, backend="gloo")
+        yield Processes(dist.get_rank(), world, waiting)
     finally:
         dist.destroy_process_group()
 

@@ -167,12 +167,16 @@ class _TrainingRun:
         return trainer.run(lambda: write_state(trainer.state_path, _state_of(trainer), identity))
 
     def _open_data(self, preparing: Preparing) -> TrainingData:
-        """Open the data; the process of rank 0 makes the frame cache while the others wait."""
+        """Open the data; the process of rank 0 makes the frame cache while the others wait.
+
+        Then it waits for them, as reading can take long, too.
+        """
         if not self.processes.is_lead:
             self.processes.barrier()
         data = open_data(self.source, self.spec, self.engine, preparing)
         if self.processes.is_lead:
             self.processes.barrier()
+        self.processes.barrier()
         return data
 
     def _model(self) -> TreeRCNN:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import joint_run
+import joint_wait
 import pytest
 import torch
 
@@ -28,10 +29,14 @@ Make = Callable[..., Any]
 def run_two(
     data: Path, out: Path, dies_at: int = NEVER, near: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    torchrun = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    words = [joint_run.__file__, data, out, dies_at, *([] if near is None else [near])]
+    return torchrun([joint_run.__file__, data, out, dies_at, *([] if near is None else [near])])
+
+
+def torchrun(words: list[Any]) -> subprocess.CompletedProcess[str]:
+    """Run a program in two processes."""
+    start = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
     return subprocess.run(
-        [sys.executable, *torchrun, *map(str, words)],
+        [sys.executable, *start, *map(str, words)],
         capture_output=True,
         text=True,
         check=False,
@@ -73,6 +78,11 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
         assert together == pytest.approx(alone, abs=1e-4)
     assert one[2]["features"] >= 0
     assert one[-1]["features"] > 0
+
+
+def test_processes_wait_for_what_one_does_alone() -> None:
+    done = torchrun([joint_wait.__file__])
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
