@@ -194,7 +194,11 @@ def open_cache(
 
 
 def frames_key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
-    """Hash the labels, the image files' sizes and modification times, and the input format."""
+    """Hash the labels, the image files' sizes and modification times, and the input format.
+
+    Raises:
+        DatasetError: If a frame has no depth image that the model reads, unless `skip_broken`.
+    """
     form = [
         _KEY_VERSION,
         spec.modality,
@@ -205,9 +209,15 @@ def frames_key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool
     ]
     digest = hashlib.sha256(json.dumps([*form, skip_broken]).encode())
     for frame in frames:
-        path = source_path(frame, spec.modality)
-        stamp = [part for each in source_paths(frame, spec.modality) for part in _stamp(each)]
-        identity = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
+        try:
+            paths = source_paths(frame, spec.modality)
+        except DatasetError:
+            if not skip_broken:
+                raise
+            paths = ()
+        stamp = [part for each in paths for part in _stamp(each)]
+        name = paths[0].name if paths else None
+        identity = [name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
         identity += [frame.exact_stride_px] * frame.reads_exact(spec.modality)
         digest.update(json.dumps(identity).encode())
         for tree in frame.trees:

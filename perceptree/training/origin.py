@@ -71,10 +71,14 @@ def _sizes_px(
         next(
             (frame.width, frame.height)
             for frame in following
-            if source_path(frame, spec.modality).name == name
+            if _has_source(frame, spec.modality) and source_path(frame, spec.modality).name == name
         )
         for name in cache.names
     ]
+
+
+def _has_source(frame: FrameRecord, modality: str) -> bool:
+    return modality != "depth" or frame.depth8_path is not None
 
 
 def _statistics(image: UInt8, encoding: DepthEncoding | None) -> dict[str, float]:

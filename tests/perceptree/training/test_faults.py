@@ -163,6 +163,23 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
     assert report.steps == 1
 
 
+def test_frames_without_depth_are_left_out_when_asked(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make
+) -> None:
+    edit_split(posts, "train", lambda content: content["images"][2].pop("depth8_file"))
+    with pytest.raises(DatasetError, match=r"000002\.png: the dataset has no 8-bit depth image"):
+        train(narrow(), plan(), posts, tmp_path / "run")
+    said: list[str] = []
+    preparing = Preparing(say=said.append)
+    engine = Engine(skip_broken=True)
+    for steps in (1, 2):  # the second one opens the cache of the first one
+        settings = plan(steps=steps)
+        train(narrow(), settings, posts, tmp_path / "run", engine=engine, preparing=preparing)
+        (line,) = [line for line in said if "left out 1 broken frame of train" in line]
+        assert "000002.png: the dataset has no 8-bit depth image" in line
+        said.clear()
+
+
 def test_an_interrupt_while_the_best_weights_are_saved_comes_after_them(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
