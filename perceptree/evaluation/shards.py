@@ -161,8 +161,12 @@ class EvalWork:
 
 
 def labels_sha256(dataset: Dataset) -> str:
-    """Hash a dataset's label file."""
-    return hashlib.sha256(dataset.labels.path.read_bytes()).hexdigest()
+    """Hash a dataset's label file, and the second one that its keypoints are from."""
+    labels = dataset.labels
+    digest = hashlib.sha256(labels.path.read_bytes())
+    if labels.keypoints is not None:
+        digest.update(hashlib.sha256(labels.keypoints.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def eval_job(

@@ -8,6 +8,7 @@ import pytest
 import torch
 from schema_check import check_schema
 
+from perceptree.data import read_dataset
 from perceptree.evaluation import shards
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
@@ -88,6 +89,24 @@ def test_labels_that_changed_meanwhile_are_seen(
     code, _, told = call("merge", tmp_path / "parts")
     assert code == 2
     assert "has other labels than the shards were made with" in told
+
+
+def test_keypoints_of_a_second_file_that_changed_are_seen(posts: Path) -> None:
+    (posts / "annotations").mkdir()
+    content = json.loads((posts / "test_RGB.json").read_text())
+    second = posts / "annotations/person_keypoints_Test.json"
+    second.write_text(json.dumps(content))
+    for annotation in content["annotations"]:
+        del annotation["keypoints"]
+    content["categories"] = [{"id": 1, "name": "tree"}]
+    (posts / "annotations/instances_Test.json").write_text(json.dumps(content))
+    for split in ("train", "val", "test"):
+        (posts / f"{split}_RGB.json").unlink()
+    before = read_dataset(posts, "test")
+    assert before.labels.keypoints == second
+    sha256 = shards.labels_sha256(before)
+    second.write_text(second.read_text().replace("57.5", "56.5"))
+    assert shards.labels_sha256(read_dataset(posts, "test")) != sha256
 
 
 @pytest.mark.parametrize(
