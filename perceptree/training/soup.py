@@ -13,6 +13,8 @@ from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint
 from perceptree.training.credits import joined_credits
 
+_REACH = "reach_m"
+
 
 def average_checkpoints(
     paths: Sequence[Path], shares: Sequence[float]
@@ -25,7 +27,8 @@ def average_checkpoints(
 
     Returns:
         The network with the input size of the first file, and the training record of that file with
-        all records under `average_of`.
+        all records under `average_of`; without `reach_m` if they state different ones, or one of
+        them none.
 
     Raises:
         CheckpointError: If a file cannot be read, or holds another network than the first.
@@ -49,7 +52,10 @@ def average_checkpoints(
         for path, part, (_, record) in zip(paths, parts, loaded, strict=True)
     ]
     owed = joined_credits(records)
-    return model, {**loaded[0][1]["training"], **owed, "average_of": records}
+    first = dict(loaded[0][1]["training"])
+    if any(record.get(_REACH) != first.get(_REACH) for record in records):
+        first.pop(_REACH, None)  # an exported file would lower the scores of trees that one knows
+    return model, {**first, **owed, "average_of": records}
 
 
 def _network(spec: ModelSpec) -> ModelSpec:

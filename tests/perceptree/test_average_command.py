@@ -39,6 +39,22 @@ def test_the_mean_has_the_given_shares(call: Call, tmp_path: Path, spec: ModelSp
     assert [part["share"] for part in parts] == [0.25, 0.75]
 
 
+@pytest.mark.parametrize(("second_m", "expected_m"), [(10.0, 10.0), (20.0, None), (None, None)])
+def test_the_mean_has_the_reach_that_all_have(
+    call: Call,
+    tmp_path: Path,
+    spec: ModelSpec,
+    second_m: float | None,
+    expected_m: float | None,
+) -> None:
+    files = [tmp_path / "near.safetensors", tmp_path / "far.safetensors"]
+    for file, reach_m in zip(files, (10.0, second_m), strict=True):
+        save_checkpoint(file, TreeRCNN(spec), {} if reach_m is None else {"reach_m": reach_m})
+    out = tmp_path / "mean.safetensors"
+    assert call("average", *files, "--out", out)[0] == 0
+    assert load_checkpoint(out)[1]["training"].get("reach_m") == expected_m
+
+
 def test_input_sizes_may_differ_and_the_first_counts(
     call: Call, tmp_path: Path, spec: ModelSpec
 ) -> None:
