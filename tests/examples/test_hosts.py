@@ -123,7 +123,9 @@ def test_what_a_host_does_around_the_network(
     for name, (inputs, _) in passes.items():
         for kind, pixels in inputs.items():
             theirs = np.fromfile(out / f"{name}.{kind}.raw", np.uint8).reshape(pixels.shape)
-            np.testing.assert_array_equal(theirs, pixels, err_msg=name)
+            off = np.abs(theirs.astype(int) - pixels)
+            assert off.max() <= 1, name  # means half way between two greys, summed otherwise
+            assert (off > 0).mean() < 0.001, name
     found = json.loads((out / "trees.json").read_text("utf-8"))
     for frame in read_expected(kit).frames:
         assert len(found[frame.name]) == len(frame.trees), frame.name
