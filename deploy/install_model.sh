@@ -29,7 +29,7 @@ before=$(readlink "$root/model.onnx" || true)
 cp "$model" "$root/$name"
 if [ -e "$model.sig" ]; then
     cp "$model.sig" "$root/$name.sig"
-    if ! "$root/current/bin/edgetree" trust --check "$root/$name"; then
+    if ! accepts current "$root/$name"; then
         [ "$name" = "$before" ] || rm "$root/$name" "$root/$name.sig"
         fail "$model is refused: ${before:-no model} stays in use"
     fi

@@ -1,6 +1,8 @@
 # What update.sh, roll_back.sh and install_model.sh share: links that change in one step, and the
 # restart of the service. Read with ".", by sh.
 root=${EDGETREE_ROOT:-/opt/edgetree}
+account=edgetree
+state=/var/lib/edgetree
 
 fail() {
     echo "$(basename "$0"): $1" >&2
@@ -13,6 +15,16 @@ fail() {
 point() {
     ln -sfn "$2" "$root/$1.next"
     mv -T "$root/$1.next" "$root/$1"
+}
+
+# Whether version $1 accepts the signature of model $2: asked as the account of the service, whose used
+# versions count, and not those of root.
+accepts() {
+    set -- "$root/$1/bin/edgetree" trust --check "$2"
+    if id "$account" > /dev/null 2>&1; then
+        set -- runuser -u "$account" -- env -u XDG_CONFIG_HOME HOME="$state" STATE_DIRECTORY="$state" "$@"
+    fi
+    "$@"
 }
 
 # Restart the service, and see whether it still runs some seconds later.

@@ -31,7 +31,7 @@ if [ ! -e "$root/$version/complete" ]; then
 fi
 "$root/$version/bin/edgetree" doctor || fail "version $version is not healthy: $stays"
 if [ -e "$root/model.onnx.sig" ] || [ -e "$(readlink -f "$root/model.onnx").sig" ]; then
-    "$root/$version/bin/edgetree" trust --check "$root/model.onnx" ||
+    accepts "$version" "$root/model.onnx" ||
         fail "version $version refuses the model in use: $stays"
 fi
 

@@ -62,7 +62,11 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     programs.mkdir()
     root.mkdir()
     program = shlex.join([sys.executable, *launched(root)])
-    texts = {"python3": PYTHON3.replace("{edgetree}", program), "systemctl": SYSTEMCTL}
+    texts = {
+        "python3": PYTHON3.replace("{edgetree}", program),
+        "systemctl": SYSTEMCTL,
+        "id": "#!/bin/sh\nexit 1\n",  # there is no account of the service
+    }
     (root / "launcher.py").write_text(LAUNCHER)
     for name, text in texts.items():
         (programs / name).write_text(text)
@@ -200,6 +204,28 @@ def test_an_update_that_fails_leaves_the_version_in_use(
     second = first if version == "0.2.0" else bundle(tmp_path, version)
     assert do("update.sh", second) == (2, line)
     assert links(machine) == ("0.2.0", "-")
+
+
+def test_signatures_are_checked_as_the_account_of_the_service(
+    tmp_path: Path, machine: Path
+) -> None:
+    assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
+    programs = tmp_path / "programs"
+    asked = '#!/bin/sh\necho "$@" > "$EDGETREE_ROOT/asked"\nexit 1\n'
+    for name, text in {"id": "#!/bin/sh\n", "runuser": asked}.items():
+        (programs / name).write_text(text)
+        (programs / name).chmod(0o755)
+    model = tmp_path / "model.onnx"
+    model.touch()
+    Path(f"{model}.sig").touch()
+    assert do("install_model.sh", model)[1].endswith("is refused: no model stays in use")
+    words = (machine / "asked").read_text().split()
+    assert words[:2] == ["-u", "edgetree"]
+    assert "STATE_DIRECTORY=/var/lib/edgetree" in words
+    assert words[-4:-1] == [f"{machine}/current/bin/edgetree", "trust", "--check"]
+    (machine / "model.onnx").symlink_to(model)
+    code, line = do("update.sh", bundle(tmp_path, "0.3.0"))
+    assert (code, line.endswith("refuses the model in use: 0.2.0 stays in use")) == (2, True)
 
 
 def test_what_an_interrupted_update_left_is_made_anew(tmp_path: Path, machine: Path) -> None:
