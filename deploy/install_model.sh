@@ -18,6 +18,7 @@ model=${1:-}
 [ -f "$model" ] || fail "${model:-no file} is given: expected install_model.sh MODEL.onnx, an existing file"
 [ ! -e "$config" ] || grep -q "^[^#]*$root/model.onnx" "$config" ||
     fail "$config does not name the model that this changes: expected model = \"$root/model.onnx\" in it"
+hold_on
 if [ -f "$root/model.onnx" ] && [ ! -L "$root/model.onnx" ]; then # a copy by hand, to go back to
     first=$(name_of "$root/model.onnx")
     [ ! -e "$root/model.onnx.sig" ] || mv "$root/model.onnx.sig" "$root/$first.sig"

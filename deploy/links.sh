@@ -11,10 +11,19 @@ fail() {
 
 [ -w "$root" ] || fail "$root cannot be written: expected an existing folder, and sudo"
 
-# Let the link $root/$1 lead to $2, in one step.
+# Let the link $root/$1 lead to $2, in one step; without $2 there is none.
 point() {
-    ln -sfn "$2" "$root/$1.next"
-    mv -T "$root/$1.next" "$root/$1"
+    if [ -n "$2" ]; then
+        ln -sfn "$2" "$root/$1.next"
+        mv -T "$root/$1.next" "$root/$1"
+    else
+        rm -f "$root/$1"
+    fi
+}
+
+# Go on although the connection or the terminal ends: from here on links change.
+hold_on() {
+    trap '' HUP INT
 }
 
 # Whether version $1 accepts the signature of model $2: asked as the account of the service, whose used

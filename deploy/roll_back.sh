@@ -10,6 +10,7 @@ set -eu
 now=$(readlink "$root/current") || fail "$root/current is no link: expected an installed version"
 before=$(readlink "$root/previous") || fail "there is no version before $now: expected an update first"
 [ -x "$root/$before/bin/edgetree" ] || fail "$root/$before was removed: expected the version before $now"
+hold_on
 point current "$before"
 point previous "$now"
 restart || fail "the service does not run with version $before: see journalctl -u edgetree"

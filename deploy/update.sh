@@ -35,12 +35,15 @@ if [ -e "$root/model.onnx.sig" ] || [ -e "$(readlink -f "$root/model.onnx").sig"
         fail "version $version refuses the model in use: $stays"
 fi
 
+last=$(readlink "$root/previous" || true)
+hold_on
+[ -z "$before" ] || point previous "$before" # first, so that a power failure leaves a way back
 point current "$version"
 if ! restart; then
     [ -n "$before" ] || fail "the service does not run with version $version: see journalctl -u edgetree"
     point current "$before"
-    restart || true
+    point previous "$last"
+    restart || fail "the service runs neither with version $version nor with $before again: see journalctl -u edgetree"
     fail "the service does not run with version $version: went back to $before, see journalctl -u edgetree"
 fi
-[ -z "$before" ] || point previous "$before"
 echo "version $version is in use; ${before:-none} was before"

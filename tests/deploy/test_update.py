@@ -228,6 +228,27 @@ def test_signatures_are_checked_as_the_account_of_the_service(
     assert (code, line.endswith("refuses the model in use: 0.2.0 stays in use")) == (2, True)
 
 
+@pytest.mark.parametrize("version", ["0.3.0", "8.8"])
+def test_an_update_whose_connection_ends_is_ended_well(
+    tmp_path: Path, machine: Path, version: str
+) -> None:
+    for number in ("0.1.0", "0.2.0"):
+        assert do("update.sh", bundle(tmp_path, number))[0] == 0
+    hang_up = SYSTEMCTL.replace("#!/bin/sh", '#!/bin/sh\n[ "$1" != restart ] || kill -HUP "$PPID"')
+    (tmp_path / "programs" / "systemctl").write_text(hang_up)
+    do("update.sh", bundle(tmp_path, version))
+    expected = ("0.3.0", "0.2.0") if version == "0.3.0" else ("0.2.0", "0.1.0")
+    assert links(machine) == expected
+
+
+def test_that_neither_version_runs_is_told(tmp_path: Path, machine: Path) -> None:
+    assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
+    (tmp_path / "programs" / "systemctl").write_text("#!/bin/sh\nexit 1\n")
+    code, line = do("update.sh", bundle(tmp_path, "0.3.0"))
+    assert (code, "neither with version 0.3.0 nor with 0.2.0 again" in line) == (2, True)
+    assert links(machine) == ("0.2.0", "-")
+
+
 def test_what_an_interrupted_update_left_is_made_anew(tmp_path: Path, machine: Path) -> None:
     (machine / "0.2.0" / "bin").mkdir(parents=True)
     (machine / "0.2.0" / "bin" / "half").touch()
