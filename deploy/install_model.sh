@@ -8,6 +8,12 @@
 set -eu
 . "$(dirname "$0")/links.sh"
 
+# Copy file $1 to $root/$2, whole and for the service's account to read.
+copy() {
+    install -m 644 "$1" "$root/$2.next"
+    mv "$root/$2.next" "$root/$2"
+}
+
 # The name of a copy of model $1 with its signature.
 name_of() {
     echo "model-$(sha256sum "$1" "$1.sig" 2> /dev/null | sha256sum | cut -c1-12).onnx"
@@ -27,9 +33,9 @@ if [ -f "$root/model.onnx" ] && [ ! -L "$root/model.onnx" ]; then # a copy by ha
 fi
 name=$(name_of "$model")
 before=$(readlink "$root/model.onnx" || true)
-cp "$model" "$root/$name"
+copy "$model" "$name"
 if [ -e "$model.sig" ]; then
-    cp "$model.sig" "$root/$name.sig"
+    copy "$model.sig" "$name.sig"
     if ! accepts current "$root/$name"; then
         [ "$name" = "$before" ] || rm "$root/$name" "$root/$name.sig"
         fail "$model is refused: ${before:-no model} stays in use"

@@ -3,6 +3,7 @@
 root=${EDGETREE_ROOT:-/opt/edgetree}
 account=edgetree
 state=/var/lib/edgetree
+umask 022 # the service's account reads what root installs
 
 fail() {
     echo "$(basename "$0"): $1" >&2

@@ -206,6 +206,37 @@ def test_an_update_that_fails_leaves_the_version_in_use(
     assert links(machine) == ("0.2.0", "-")
 
 
+@pytest.mark.parametrize("version", ["0.3.0", "8.8"])
+def test_an_update_whose_connection_ends_is_ended_well(
+    tmp_path: Path, machine: Path, version: str
+) -> None:
+    for number in ("0.1.0", "0.2.0"):
+        assert do("update.sh", bundle(tmp_path, number))[0] == 0
+    hang_up = SYSTEMCTL.replace("#!/bin/sh", '#!/bin/sh\n[ "$1" != restart ] || kill -HUP "$PPID"')
+    (tmp_path / "programs" / "systemctl").write_text(hang_up)
+    do("update.sh", bundle(tmp_path, version))
+    expected = ("0.3.0", "0.2.0") if version == "0.3.0" else ("0.2.0", "0.1.0")
+    assert links(machine) == expected
+
+
+def test_that_neither_version_runs_is_told(tmp_path: Path, machine: Path) -> None:
+    assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
+    (tmp_path / "programs" / "systemctl").write_text("#!/bin/sh\nexit 1\n")
+    code, line = do("update.sh", bundle(tmp_path, "0.3.0"))
+    assert (code, "neither with version 0.3.0 nor with 0.2.0 again" in line) == (2, True)
+    assert links(machine) == ("0.2.0", "-")
+
+
+def test_the_account_of_the_service_reads_what_is_installed(tmp_path: Path, machine: Path) -> None:
+    model = tmp_path / "model.onnx"
+    model.write_bytes(default_model("depth").read_bytes())
+    model.chmod(0o600)
+    for script, given in (("update.sh", bundle(tmp_path, "0.2.0")), ("install_model.sh", model)):
+        subprocess.run([DEPLOY / script, given], check=True, umask=0o077, capture_output=True)
+    assert (machine / "model.onnx").stat().st_mode & 0o044 == 0o044
+    assert (machine / "0.2.0" / "bin").stat().st_mode & 0o055 == 0o055
+
+
 def test_signatures_are_checked_as_the_account_of_the_service(
     tmp_path: Path, machine: Path
 ) -> None:
@@ -226,27 +257,6 @@ def test_signatures_are_checked_as_the_account_of_the_service(
     (machine / "model.onnx").symlink_to(model)
     code, line = do("update.sh", bundle(tmp_path, "0.3.0"))
     assert (code, line.endswith("refuses the model in use: 0.2.0 stays in use")) == (2, True)
-
-
-@pytest.mark.parametrize("version", ["0.3.0", "8.8"])
-def test_an_update_whose_connection_ends_is_ended_well(
-    tmp_path: Path, machine: Path, version: str
-) -> None:
-    for number in ("0.1.0", "0.2.0"):
-        assert do("update.sh", bundle(tmp_path, number))[0] == 0
-    hang_up = SYSTEMCTL.replace("#!/bin/sh", '#!/bin/sh\n[ "$1" != restart ] || kill -HUP "$PPID"')
-    (tmp_path / "programs" / "systemctl").write_text(hang_up)
-    do("update.sh", bundle(tmp_path, version))
-    expected = ("0.3.0", "0.2.0") if version == "0.3.0" else ("0.2.0", "0.1.0")
-    assert links(machine) == expected
-
-
-def test_that_neither_version_runs_is_told(tmp_path: Path, machine: Path) -> None:
-    assert do("update.sh", bundle(tmp_path, "0.2.0"))[0] == 0
-    (tmp_path / "programs" / "systemctl").write_text("#!/bin/sh\nexit 1\n")
-    code, line = do("update.sh", bundle(tmp_path, "0.3.0"))
-    assert (code, "neither with version 0.3.0 nor with 0.2.0 again" in line) == (2, True)
-    assert links(machine) == ("0.2.0", "-")
 
 
 def test_what_an_interrupted_update_left_is_made_anew(tmp_path: Path, machine: Path) -> None:
