@@ -135,6 +135,46 @@ def test_what_a_host_does_around_the_network(
             np.testing.assert_allclose(theirs["keypoints_px"], ours.keypoints_px, atol=2e-2)
 
 
+NO_IMAGE = "a frame has no image: expected colour or depth"
+
+
+def test_a_frame_without_an_image_is_refused_in_javascript() -> None:
+    inputs = [{"name": name, "width": 64, "height": 32} for name in ("colour", "depth")]
+    manifest = json.dumps({"modality": "both", "input": inputs[0], "inputs": inputs})
+    script = f"""
+import {{ prepare }} from "{(HOSTS / "js" / "prepare.js").as_uri()}";
+try {{
+  prepare({{ width: 2, height: 2, data: new Uint16Array(4) }}, {manifest});
+}} catch (error) {{
+  console.log(error.message);
+}}
+"""
+    assert run_checked(node(), "--input-type=module", "--eval", script).strip() == NO_IMAGE
+
+
+def test_a_frame_without_an_image_is_refused_in_cpp(tmp_path: Path) -> None:
+    text = """
+#include <iostream>
+#include "prepare.hpp"
+int main() {
+    Manifest manifest{};
+    manifest.width = 64, manifest.height = 32;
+    manifest.inputs = {{"colour", 3, 0, 0}, {"depth", 1, 0, 0}};
+    try {
+        Preparation(manifest).inputs_of({2, 2, {}, {}, {}});
+    } catch (const std::exception& error) {
+        std::cout << error.what();
+    }
+}
+"""
+    (tmp_path / "main.cpp").write_text(text)
+    sources = [str(HOSTS / "cpp" / name) for name in ("prepare.cpp", "resize.cpp")]
+    program = str(tmp_path / "main")
+    command = [tool("c++", "g++", "clang++"), "-std=c++20", f"-I{HOSTS / 'cpp'}", "-o", program]
+    run_checked(*command, str(tmp_path / "main.cpp"), *sources)
+    assert run_checked(program) == NO_IMAGE
+
+
 def run_checked(*command: str, cwd: Path | None = None) -> str:
     scripts = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}

@@ -39,6 +39,8 @@ Preparation::Preparation(const Manifest& manifest) : manifest_(manifest) {
 }
 
 std::vector<std::vector<std::uint8_t>> Preparation::inputs_of(const Frame& frame) const {
+    if (frame.bgr.empty() && frame.depth_mm.empty())
+        throw std::runtime_error("a frame has no image: expected colour or depth");
     std::vector<std::vector<std::uint8_t>> all;
     for (const Input& input : manifest_.inputs) all.push_back(input_of(frame, input));
     return all;

@@ -78,7 +78,10 @@ function prepareOne(frame, input, box, encoding) {
 /** The model's inputs (name, shape, Uint8Array of pixels), and the letterbox to map points back. */
 export function prepare(frame, manifest) {
   const box = letterbox(frame.width, frame.height, manifest.input);
-  const inputs = inputsOf(manifest).map((input) =>
+  const all = inputsOf(manifest);
+  if (all.every((input) => input.canBeMissing && !frame[input.name]))
+    throw new Error(`a frame has no image: expected ${all.map(({ name }) => name).join(" or ")}`);
+  const inputs = all.map((input) =>
     prepareOne(frame, input, box, manifest.depth_encoding),
   );
   return { inputs, box };
