@@ -74,6 +74,12 @@ class GrowingFile(io.TextIOBase):
         """Always true."""
         return True
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the file holds nothing, as after a log rotation; false for pipes and devices."""
+        descriptor = self._descriptor
+        return self._is_own and descriptor is not None and not os.fstat(descriptor).st_size
+
     def write(self, text: str) -> int:
         """Take text for the next `flush`."""
         self._pending.append(text)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from basetree.errors import one_line
+from basetree.files.growing import GrowingFile
 from edgetree.results.csv_style import PLAIN, CsvStyle
 from edgetree.results.csv_table import TRACKS, Table
 from edgetree.results.json_records import live_record, write_json_line
@@ -99,8 +100,9 @@ class CsvSink(FileSink[Any]):
         self._has_header = False
 
     def write(self, result: Any) -> None:
-        """Write the rows of one frame."""
-        if not self._has_header:
+        """Write the rows of one frame. A file that a log rotation emptied begins anew."""
+        is_empty = isinstance(self._stream, GrowingFile) and self._stream.is_empty
+        if is_empty or not self._has_header:
             self._table.write_header(self._stream, self._style)
         self._table.write_rows(self._stream, result, self._style)
         self._has_header = True

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import sqlite3
 import struct
 from contextlib import suppress
@@ -53,6 +54,21 @@ def test_lines_are_in_the_file_at_once(tmp_path, live_result, name: str) -> None
     sink.close()
     assert path.stat().st_size == sizes[2]
     sink.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="open files cannot be emptied")
+def test_a_table_that_a_log_rotation_emptied_has_its_column_names(tmp_path, live_result) -> None:
+    path = tmp_path / "tracks.csv"
+    sink = CsvTracksSink(path)
+    sink.write(live_result(0))
+    before = path.read_text().splitlines()
+    os.truncate(path, 0)  # as `copytruncate` of logrotate does
+    sink.write(live_result(1))
+    sink.write(live_result(2))
+    sink.close()
+    after = path.read_text().splitlines()
+    assert after.count(before[0]) == 1
+    assert (after[0], len(after)) == (before[0], 2 * len(before) - 1)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
