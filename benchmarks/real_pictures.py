@@ -69,6 +69,9 @@ class Matches:
 
 def compare(truth: COCO, found: list[dict[str, Any]]) -> Matches:
     """Match detections with the boxes."""
+    if not found:  # which pycocotools does not read
+        certain = sum(not each["iscrowd"] for each in truth.dataset["annotations"])
+        return Matches(0.0, certain, np.zeros(0), np.zeros(0, bool))
     with contextlib.redirect_stdout(io.StringIO()):
         matched = COCOeval(truth, truth.loadRes(found), "bbox")
         matched.params.iouThrs = np.array([IOU])
