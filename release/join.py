@@ -43,8 +43,11 @@ def join(folders: list[Path], out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for folder in folders:
         link = out / folder.name
+        target = os.path.relpath(folder, out)
+        if link.is_symlink() and os.readlink(link) != target:  # to another dataset of this name
+            link.unlink()
         if not link.is_symlink():
-            link.symlink_to(os.path.relpath(folder, out), target_is_directory=True)
+            link.symlink_to(target, target_is_directory=True)
     for split in SPLITS:
         write_text(out / f"{split}_RGB.json", json.dumps(joined(folders, split)))
     write_stated(out, stated(folders))

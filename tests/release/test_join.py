@@ -50,3 +50,12 @@ def test_the_frames_of_all_datasets_are_there_with_their_own_trees(tmp_path: Pat
     kinds = [each["kind"] for each in dataset_credits(moved / "settings.json")]
     assert kinds == ["bark", "ground", "bark"]
     assert labelled_reach_m([moved]) == 10.0
+
+
+def test_another_dataset_of_the_same_name_takes_the_place_of_the_first(tmp_path: Path) -> None:
+    out = tmp_path / "both"
+    for place, grey in (("first", 50), ("second", 200)):
+        write_dataset(tmp_path / place / "field", grey, 1)
+        join([tmp_path / place / "field"], out)
+        (frame,) = read_dataset(out, "train").frames
+        assert frame.image_path.resolve().is_relative_to(tmp_path / place)
