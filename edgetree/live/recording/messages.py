@@ -14,7 +14,7 @@ from calib.depth.convention import in_metres
 from edgetree.live.results import LiveResult
 from edgetree.results.json_records import live_record
 from edgetree.sinks.ros_types import RosTypes, time_ns
-from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
+from edgetree.sources.bags.exact import EXACT_TOPIC, FILLED_TOPIC, FILLED_TYPE, exact_record
 
 _CAMERA_FRAME: Final = "edgetree_camera"
 _FIXED_FRAME: Final = "odom"
@@ -56,6 +56,9 @@ class RecordingMessages(RosTypes):
         if frame.pose is not None:
             pose = self._pose(time_s, frame.pose)
             yield RecordedMessage("/tf", "tf2_msgs/msg/TFMessage", pose)
+        if frame.filled_depth_m is not None:
+            filled_m = frame.filled_depth_m.astype("<f4", copy=False)
+            yield RecordedMessage(FILLED_TOPIC, FILLED_TYPE, self._image(header, "32FC1", filled_m))
         for topic, encoding, pixels in (
             ("/edgetree/depth", *_steps(frame.depth_m)),
             ("/edgetree/image", "bgr8", frame.image),

@@ -21,7 +21,7 @@ from edgetree.frames.rig import BeamReading, DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
 from edgetree.sources.bags.camera_info import CameraInfos
 from edgetree.sources.bags.depth_alignment import DepthAlignment, View
-from edgetree.sources.bags.exact import ExactValues
+from edgetree.sources.bags.exact import FILLED_TOPIC, ExactValues
 from edgetree.sources.bags.messages import PictureDecoder, frame_of, stamp_ns
 from edgetree.sources.bags.pairing import Pair, Picture
 from edgetree.sources.bags.point_clouds import CloudDecoder, projected
@@ -97,6 +97,8 @@ class Assembly:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.exact:
             self._add_exact(str(message.data))
+        elif topic == self._streams.filled:
+            self._add_filled(message)
         elif topic == self._streams.imu:
             turn, push = message.angular_velocity, message.linear_acceleration
             self._imu_frame = frame_of(message)
@@ -122,6 +124,15 @@ class Assembly:
         except InputError as error:
             self._counts["unreadable messages"] += 1
             self._say(str(error))
+
+    def _add_filled(self, message: Any) -> None:
+        try:
+            filled = PictureDecoder(FILLED_TOPIC, "depth").decode(message)
+        except InputError as error:
+            self._counts["unreadable messages"] += 1
+            self._say(str(error))
+            return
+        self._exact.add_filled(stamp_ns(message), filled)
 
     def is_ready(self, pair: Pair, log_ns: int) -> bool:
         """Whether IMU and transforms up to the picture are there, or were waited for."""

@@ -2,7 +2,7 @@
 
 Standard messages do not carry all of it: an IMU is smoothed when it is read, and CameraInfo has no
 error of the focal length. The measurement would differ in the last digits, or in a choice that
-depends on them.
+depends on them. Depth of a scanner's beams has a second image, without the gaps between them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,11 @@ from edgetree.frames.turning import check_rotation
 
 EXACT_TOPIC: Final = "/edgetree/frame"
 EXACT_TYPE: Final = "std_msgs/msg/String"
+FILLED_TOPIC: Final = "/edgetree/filled_depth"
+FILLED_TYPE: Final = "sensor_msgs/msg/Image"
 _SCHEMA: Final = "edgetree.recording.frame/1"
 _MAX_WAITING: Final = 100
+_MAX_FILLED: Final = 20  # images, which take memory
 _UNIT_TOLERANCE: Final = 1e-6
 
 
@@ -71,6 +74,7 @@ class ExactValues:
 
     def __init__(self) -> None:
         self._waiting: OrderedDict[int, _Exact] = OrderedDict()
+        self._filled: OrderedDict[int, NDArray[np.float32]] = OrderedDict()
 
     def add(self, text: str) -> None:
         """Take a message.
@@ -109,6 +113,12 @@ class ExactValues:
         if len(self._waiting) > _MAX_WAITING:
             self._waiting.popitem(last=False)
 
+    def add_filled(self, stamp_ns: int, depth_m: NDArray[Any]) -> None:
+        """Take the depth of a frame's beams without the gaps between them, (H, W) metres."""
+        self._filled[stamp_ns] = depth_m.astype(np.float32, copy=False)
+        if len(self._filled) > _MAX_FILLED:
+            self._filled.popitem(last=False)
+
     def is_alone(self, stamp_ns: int) -> bool:
         """Whether the frame of a time stamp is known to have one image alone."""
         exact = self._waiting.get(stamp_ns)
@@ -121,7 +131,10 @@ class ExactValues:
             frame: The frame.
             stamp_ns: Its time stamp in the recording, ns.
         """
-        exact = self._waiting.pop(stamp_ns, None)
+        exact, filled_m = self._waiting.pop(stamp_ns, None), self._filled.pop(stamp_ns, None)
+        shape = None if frame.depth_m is None else frame.depth_m.shape
+        if filled_m is not None and filled_m.shape == shape:
+            frame = replace(frame, filled_depth_m=filled_m)
         pixels = frame.depth_m if frame.image is None else frame.image
         if exact is None or pixels is None:
             return frame

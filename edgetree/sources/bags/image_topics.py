@@ -8,6 +8,7 @@ from typing import Final
 
 from edgetree.sources.bags.camera_info import may_fit, same_lens
 from edgetree.sources.bags.encodings import depth_names
+from edgetree.sources.bags.exact import FILLED_TOPIC
 from edgetree.sources.bags.messages import (
     IMAGE_TYPES,
     PictureKind,
@@ -53,7 +54,7 @@ def find_image_topics(bag: Bag) -> list[ImageTopic]:
     """The topics of pictures; warns of those whose first message is not there."""
     pictures = []
     for name, topic in bag.topics.items():
-        if topic.message_type not in IMAGE_TYPES:
+        if topic.message_type not in IMAGE_TYPES or name == FILLED_TOPIC:
             continue
         message = bag.first(name)
         if message is None:

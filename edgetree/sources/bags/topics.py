@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from basetree.errors import InputError
-from edgetree.sources.bags.exact import EXACT_TOPIC, EXACT_TYPE
+from edgetree.sources.bags.exact import EXACT_TOPIC, EXACT_TYPE, FILLED_TOPIC, FILLED_TYPE
 from edgetree.sources.bags.image_topics import (
     CAMERA_TYPE,
     ImageTopic,
@@ -45,6 +45,7 @@ class Streams:
         transforms: Topics of transforms.
         exact: Cameras and verticals to the last digit, of edgetree's own recordings.
         has_clouds: Whether `depth` is a topic of point clouds.
+        filled: Depth of beams without the gaps between them, of edgetree's own recordings.
     """
 
     colour: str | None
@@ -55,11 +56,13 @@ class Streams:
     transforms: tuple[str, ...]
     exact: str | None = None
     has_clouds: bool = False
+    filled: str | None = None
 
     @property
     def names(self) -> list[str]:
         """All names, each once."""
-        named = (self.colour, self.depth, self.camera, self.depth_camera, self.imu, self.exact)
+        named = [self.colour, self.depth, self.camera, self.depth_camera, self.imu, self.exact]
+        named.append(self.filled)
         return list(
             dict.fromkeys([name for name in named if name is not None])
             | dict.fromkeys(self.transforms)
@@ -106,14 +109,15 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
         given.get("depth_camera") or of_depth or camera_topic(bag, by_name.get(depth or "")),
         given.get("imu") or _imu(bag),
         tuple(name for name, topic in bag.topics.items() if topic.message_type in _TF_TYPES),
-        EXACT_TOPIC if _has_exact(bag) else None,
+        EXACT_TOPIC if _has(bag, EXACT_TOPIC, EXACT_TYPE) else None,
         depth is not None and bag.topics[depth].message_type == CLOUD_TYPE,
+        FILLED_TOPIC if modality != "rgb" and _has(bag, FILLED_TOPIC, FILLED_TYPE) else None,
     )
 
 
-def _has_exact(bag: Bag) -> bool:
-    topic = bag.topics.get(EXACT_TOPIC)
-    return topic is not None and topic.message_type == EXACT_TYPE
+def _has(bag: Bag, name: str, message_type: str) -> bool:
+    topic = bag.topics.get(name)
+    return topic is not None and topic.message_type == message_type
 
 
 def _given(bag: Bag, role: str, name: str) -> str:

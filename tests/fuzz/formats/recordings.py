@@ -14,7 +14,7 @@ import zstandard
 
 import calib
 from basetree.errors import InputError
-from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
+from edgetree.sources.bags.exact import EXACT_TOPIC, FILLED_TOPIC, exact_record
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.bags.rvl import decode_rvl
 from formats.form import Format
@@ -41,6 +41,8 @@ def _recording(kind: str) -> bytes:
             bag.write(EXACT_TOPIC, kind_of_text, bag.message(kind_of_text, data=exact), stamp)
             jpeg = cv2.imencode(".jpg", frame.image)[1].tobytes()
             bag.packed(f"{bag_files.COLOUR}/compressed", jpeg, "jpeg", stamp)
+            filled_m = frame.depth[:8].astype(np.float32)
+            bag.image(FILLED_TOPIC, filled_m, stamp, "32FC1", height=8)
             bag.image(bag_files.DEPTH, frame.depth[:8], stamp, "16UC1", height=8)
         return bag.file.read_bytes()
 

@@ -158,6 +158,27 @@ def test_what_the_source_knows_of_its_depth_comes_back(record, recordings, read,
     assert [frame.depth_noise for frame in read(recordings()[0])] == [noise, None]
 
 
+def test_the_depth_of_beams_comes_back_with_and_without_its_gaps(
+    record, recordings, read, result
+) -> None:
+    """The model sees the one, the measurement the other; a frame without beams stays as it is."""
+    recorder = record(waits=True)
+    beams = np.where(np.arange(HEIGHT)[:, None] % 4, np.float32(0), FLOATS)
+    filled = [FLOATS, FLOATS * np.float32(1.1), None]
+    for number, filled_m in enumerate(filled):
+        one = result(number, image=IMAGE, depth_m=beams, camera=CAMERA)
+        frame = dataclasses.replace(one.frame, filled_depth_m=filled_m)
+        recorder.write(dataclasses.replace(one, frame=frame))
+    recorder.mark()
+    recorder.close()
+    found = read(recordings()[0])
+    assert [frame.depth_m.tobytes() for frame in found] == [beams.tobytes()] * 3
+    for frame, wanted in zip(found, filled, strict=True):
+        assert (frame.filled_depth_m is None) == (wanted is None)
+        if wanted is not None:
+            assert frame.filled_depth_m.tobytes() == wanted.tobytes()
+
+
 def measured(result: LiveResult) -> list[dict[str, Any]]:
     """The trees of a frame with their metres."""
     trees = live_record(result)["trees"]
