@@ -171,7 +171,7 @@ class StemReportSink(FileSink["LiveResult"]):
 
     def _view(self, result: LiveResult) -> _View:
         self._serial += 1
-        bare = replace(result.frame, image=None, depth_m=None)
+        bare = replace(result.frame, image=None, depth_m=None, filled_depth_m=None, cloud_m=None)
         jpeg = encode_picture(picture_of(result), ".jpg")
         return _View(self._serial, replace(result, frame=bare, tracks=[]), jpeg)
 

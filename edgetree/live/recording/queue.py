@@ -264,5 +264,6 @@ class _KeptFrames:
 
 def _size_bytes(result: LiveResult) -> int:
     """What the arrays of a result take."""
-    arrays = (result.frame.image, result.frame.depth_m, result.trees.masks)
+    frame = result.frame
+    arrays = (frame.image, frame.depth_m, frame.filled_depth_m, frame.cloud_m, result.trees.masks)
     return sum(array.nbytes for array in arrays if array is not None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import shutil
@@ -117,6 +118,17 @@ def test_memory_is_bounded_and_said_once(record, recordings, result, caplog) -> 
     assert numbers(recordings()[0]) == list(range(300 - fitting, 300))
     (line,) = warned(caplog)
     assert line.startswith("1 MiB hold the frames of 11.3 s")
+
+
+def test_the_depth_of_beams_counts_as_memory_twice(result) -> None:
+    """A scanner's frame has its depth with and without the gaps between the beams."""
+    queue = FrameQueue(60.0, 2.0, everything=False, max_mib=1, waits=False)
+    depth_m = np.ones((256, 256), np.float32)  # a quarter of the limit
+    for number in range(10):
+        one = result(number, depth_m=depth_m)
+        frame = dataclasses.replace(one.frame, filled_depth_m=depth_m)
+        queue.put(dataclasses.replace(one, frame=frame))
+    assert len(list(queue._kept)) == 2
 
 
 def test_a_camera_is_not_kept_waiting_and_what_is_missing_is_said(
