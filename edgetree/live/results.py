@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
+from basetree.arrays import Float
 from edgetree.frames.pipeline import FrameResult
 from edgetree.live.tracking.picture_tracker import PictureTracker
 from edgetree.live.tracking.tracker import StemTracker
@@ -21,12 +22,20 @@ class LiveResult(FrameResult):
         stages_ms: Time that each stage took for this frame, such as {"detect": 31.0}.
         age_s: Time from the arrival of the frame to this result, s.
         dropped: Frames that were left out so far because newer ones had arrived.
+        followed_up: (3,) the vertical in the camera's frame by which the stems were followed: that
+            of the frame or of its pose, or else that of the stems; None if it is not known.
     """
 
     tracks: list[TreeTrack]
     stages_ms: dict[str, float] = field(default_factory=dict)
     age_s: float = 0.0
     dropped: int = 0
+    followed_up: Float | None = None
+
+    @property
+    def vertical(self) -> Float | None:
+        """(3,) the vertical in the camera's frame, for places seen from above; None if unknown."""
+        return self.frame.up_camera if self.followed_up is None else self.followed_up
 
 
 def numbered_stems(result: FrameResult, stems: PictureTracker) -> FrameResult:
@@ -51,4 +60,4 @@ def followed(result: FrameResult, tracker: StemTracker) -> LiveResult:
         measurements = [TreeMeasurement.failed(result.metres_need or "")] * len(result.trees)
     tracks = tracker.update(result.frame, result.trees, measurements)
     given = {each.name: getattr(result, each.name) for each in fields(FrameResult)}
-    return LiveResult(**given, tracks=tracks)
+    return LiveResult(**given, tracks=tracks, followed_up=tracker.up_camera)

@@ -95,7 +95,7 @@ class RosMessages(RosTypes):
 
     def stems(self, result: LiveResult) -> Iterator[tuple[str, Any]]:
         """Topic and message of the stems alone: detections, markers and the record as JSON."""
-        axes = level_axes(result.frame.up_camera)
+        axes = level_axes(result.vertical)
         header = self.header(result.frame.stamp_s, self.camera_frame)
         place = _Place(header, axes[2], self.quaternion(axes.T))
         yield "/edgetree/detections", self._detections(result, place)

@@ -28,7 +28,7 @@ def page_record(result: LiveResult) -> dict[str, Any]:
     metres to the right of the camera and ahead of it.
     """
     frame = result.frame
-    axes = level_axes(frame.up_camera)[:2]
+    axes = level_axes(result.vertical)[:2]
     stems = [_stem(track, axes, frame.stamp_s) for track in result.tracks]
     stems.sort(key=lambda stem: (not stem["in_view"], round(stem["distance_m"]), stem["number"]))
     return {

@@ -83,6 +83,11 @@ class StemTracker:
         """Transform from the camera's frame to the map."""
         return self._camera.camera_pose
 
+    @property
+    def up_camera(self) -> Float:
+        """(3,) unit vector away from gravity in the camera's frame, by which stems are placed."""
+        return self._camera.vertical.up
+
     def number_from(self, first: int) -> None:
         """Give new stems numbers from here on, at least, as lower ones are of other stems."""
         self._stems.number_from(first)

@@ -6,10 +6,14 @@ import json
 import numpy as np
 import pytest
 from schema_check import check_schema
+from simulated_stand import stand
 
 from edgetree.drawing.trees import tree_colour
+from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.live.page import page_record
 from edgetree.live.page.pictures import draw_result, encode_jpeg
+from edgetree.live.results import followed
+from edgetree.live.tracking import StemTracker
 from edgetree.measure import Failure
 
 
@@ -52,6 +56,24 @@ def test_the_plan_is_level_whatever_the_camera_looks_at(live_result) -> None:
         result, frame=dataclasses.replace(result.frame, up_camera=np.array([0.0, 0.0, -1.0]))
     )
     assert page_record(down)["stems"][0]["plan_m"] == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.parametrize("told", [{"pose": True}, {"pose": False}])
+def test_the_plan_is_level_by_poses_and_by_the_stems_too(told) -> None:
+    """The camera looks down by 8 degrees, from 2.3 m above the cuts."""
+    forest, tracker = stand(np.random.default_rng(7)), StemTracker()
+    for index in range(5):
+        frame, trees, measured = forest.observe(index / 10, (0.0, 0.0), 0.0, vertical=False, **told)
+        found = FoundTrees.detected(trees)
+        result = followed(FrameResult(frame, found, measured, None), tracker)
+    true_m = np.hypot(*forest.places_m.T)
+    tracks = {track.number: track.tree for track in result.tracks}
+    stems = [stem for stem in page_record(result)["stems"] if stem["in_view"]]
+    off_m = [
+        stem["distance_m"] - true_m[forest.stems_seen[tracks[stem["number"]]]] for stem in stems
+    ]
+    assert len(off_m) > 3
+    assert abs(np.mean(off_m)) < 0.08
 
 
 def test_the_field_of_view_is_that_of_the_camera(live_result) -> None:
