@@ -297,6 +297,8 @@ class LivePipeline:
         """The frame with the camera and vertical of the rig, and faults of the depth."""
         trees = found.trees
         frame = self._rig.completed(frame, trees.image_width, trees.image_height)
+        if frame.up_camera is None:  # the horizon may tell it
+            frame = replace(frame, up_camera=self._rig.vertical_of(frame, frame.camera))
         if frame.depth_m is None or frame.camera is None or frame.depth_fault is not None:
             return frame
         check = check_depth(frame.depth_m)

@@ -15,6 +15,7 @@ from basetree.errors import InputError
 from calib import PinholeCamera
 from edgetree.errors import ModelFileError
 from edgetree.frames.frame import Frame, stream_frame
+from edgetree.frames.references import SizeReferences
 from edgetree.frames.rig import Rig
 from edgetree.live.pipeline import LivePipeline
 from edgetree.live.tracking.tracker import StemTracker
@@ -302,6 +303,19 @@ def test_metres_need_depth_and_a_camera(detector: TreeDetector, what: str) -> No
     assert result.metres_need == reason
     assert result.measurements is None
     assert len(result.trees) == 1
+
+
+def test_the_vertical_by_a_horizon_reaches_the_tracker(detector: TreeDetector) -> None:
+    """Where the camera looks down by 20 degrees."""
+    tilt = np.radians(20)
+    row_px = CAMERA.cy + 0.5 - CAMERA.fy * np.tan(tilt)
+    tracker = StemTracker()
+    rig = replace(KNOWN_RIG, references=SizeReferences(horizon_px=(0.0, row_px, 640.0, row_px)))
+    frames = [colour(number) for number in range(2)]
+    results = list(LivePipeline(opening(Source(frames)), detector, rig=rig, tracker=tracker))
+    up = [0.0, -np.cos(tilt), -np.sin(tilt)]
+    assert [result.frame.up_camera for result in results] == [pytest.approx(up)] * 2
+    assert tracker.up_camera == pytest.approx(up)
 
 
 def test_stems_with_metres_take_no_number_of_one_followed_in_the_picture(
