@@ -248,8 +248,11 @@ class GuardedOutputs:
         return any(each.name == name and each.is_there for each in self._outputs)
 
     def lacking(self) -> dict[str, int]:
-        """How many results each output lacks, by its name."""
-        return {each.name: each.missing for each in tuple(self._outputs)}
+        """How many results each output lacks, by its name; of a controller those not sent."""
+        return {
+            each.name: each.missing + int(getattr(each.sink, "lost", 0))
+            for each in tuple(self._outputs)
+        }
 
     def missing(self) -> list[str]:
         """What outputs lack, a line for each of them."""

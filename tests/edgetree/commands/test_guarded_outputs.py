@@ -184,3 +184,20 @@ def test_a_table_on_a_full_disk_has_whole_rows_and_its_header(tmp_path: Path) ->
     guarded.write(5)
     guarded.close()
     assert path.read_text().split() == ["number", "2", "3", "5"]
+
+
+def test_messages_that_a_controller_did_not_get_are_among_what_is_lacking() -> None:
+    """As while a broker is away for an hour, which is no fault of the output."""
+
+    class Controller(Output):
+        lost = 0
+
+        def write(self, result: Any) -> None:
+            self.lost += result > 1
+
+    guarded = opened(Controller(), Output())
+    for result in range(6):
+        guarded.write(result)
+    assert guarded.lacking() == {"--out0": 4, "--out1": 0}
+    assert guarded.missing() == []
+    guarded.check()
