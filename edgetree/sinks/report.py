@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from basetree.files.growing import keep_older
 from basetree.files.reading import decode_image
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.measure import TreeMeasurement
+from edgetree.measure.volume import volume_by_dbh
 from edgetree.report import ReportHead, report_file
 from edgetree.results.pictures import encode_picture, picture_of
 from edgetree.sinks.sink import FileSink
@@ -23,6 +24,7 @@ from edgetree.sinks.sink import FileSink
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
+    from edgetree.measure.volume import Species
 
 _MOST_PICTURES: Final = 200  # 25 to 50 MB in the page, and about as much in memory
 # A view takes the place of another if its error is this much smaller: each is encoded as JPEG.
@@ -201,7 +203,10 @@ def _result(view: _View, stems: list[_Stem]) -> FrameResult:
 
 
 def _fused(tree: TreeMeasurement, track: TreeTrack) -> TreeMeasurement:
-    """The measurement in one view with the values that all views say together."""
+    """The measurement in one view with the values that all views say together.
+
+    The volume of the whole stem follows from the diameter at breast height, so it is theirs too.
+    """
     evidence = replace(tree.evidence, warnings=(*track.warnings, *tree.evidence.warnings))
     return replace(
         tree,
@@ -209,5 +214,6 @@ def _fused(tree: TreeMeasurement, track: TreeTrack) -> TreeMeasurement:
         dbh_m=track.dbh_m,
         cut_height_m=track.cut_height_m,
         inclination_deg=track.inclination_deg,
+        volume_m3=volume_by_dbh(cast("Species | None", tree.species), track.dbh_m),
         evidence=evidence,
     )

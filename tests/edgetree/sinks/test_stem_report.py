@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from edgetree.measure import Estimate
+from edgetree.measure.volume import stem_volume
 from edgetree.sinks import StemReportSink, report
 
 
@@ -58,6 +59,20 @@ def test_each_stem_has_its_best_view_and_what_all_views_say(tmp_path, live_resul
     assert "Trees in drive.mcap" in page
     assert "each stem counts once" in page
     assert "Found by the model model.onnx; each stem has what all views say" in page
+
+
+def test_the_volume_is_that_of_the_diameter_that_all_views_say(tmp_path, live_result) -> None:
+    result = live_result(0, 2, dbh_m=Estimate(0.25, 0.005))
+    trees = [
+        dataclasses.replace(tree, dbh_m=one_view, volume_m3=stem_volume("spruce", one_view))
+        for tree in result.measurements
+        for one_view in [Estimate(0.35, 0.03)]
+    ]
+    trees = [dataclasses.replace(tree, species="spruce") for tree in trees]
+    page = written(tmp_path / "a.html", dataclasses.replace(result, measurements=trees))
+    volume = stem_volume("spruce", Estimate(0.25, 0.005))
+    assert f"{volume.value:.3f} ± {volume.std:.3f} m³" in page
+    assert f"{trees[0].volume_m3.value:.3f} ±" not in page
 
 
 def test_stems_that_were_never_confirmed_have_no_entry(tmp_path, live_result) -> None:
