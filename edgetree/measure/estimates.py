@@ -164,13 +164,14 @@ def interval_keys(quantity: str) -> tuple[str, ...]:
 def interval_values(quantity: str, result: Estimate | Failure) -> dict[str, float | str]:
     """A value with its standard deviation and 95 % interval by `interval_keys`, or the reason.
 
-    The lower end is cut at 0, except for lean directions and tapers, which have a sign.
+    The lower end is cut at 0, except for lean directions and tapers, which have a sign. It is never
+    above the value: a cut may be measured a little below the ground.
     """
     *numbers, failure = interval_keys(quantity)
     if isinstance(result, Failure):
         return {failure: result.reason}
     low, high = result.interval95
-    low = low if quantity in _SIGNED else max(low, 0.0)
+    low = low if quantity in _SIGNED else max(low, min(result.value, 0.0))
     return dict(zip(numbers, (*result, low, high), strict=True))
 
 

@@ -121,6 +121,14 @@ def test_records_name_their_units():
     assert json.loads(json.dumps(tree.to_dict(), allow_nan=False)) == expected
 
 
+def test_a_value_is_within_its_interval_also_below_zero() -> None:
+    """The cut of a stem on soft ground may be measured a little below the ground."""
+    values = interval_values("cut_height_m", Estimate(-0.03, 0.04))
+    low, high = values["cut_height_low95_m"], values["cut_height_high95_m"]
+    assert low <= values["cut_height_m"] <= high
+    assert interval_values("cut_height_m", Estimate(0.03, 0.04))["cut_height_low95_m"] == 0
+
+
 def test_records_hold_no_lower_end_below_zero_where_there_is_no_sign():
     upright = interval_values("inclination_deg", Estimate(0.5, 1.0))
     assert upright["inclination_low95_deg"] == 0
