@@ -56,7 +56,7 @@ perceptree synth --out data/test --preset test
 perceptree synth --out data/field-test --preset field-test
 perceptree calibrate-scores runs/d15/best.safetensors data/cal-paper data/cal-field --split train --out runs/d15/scaled.safetensors
 perceptree calibrate-scores runs/d15/scaled.safetensors data/paper-924 data/field-924 --split train --keep-level --out models/edge-n-depth.safetensors
-edgetree export models/edge-n-depth.safetensors --out models/edge-n-depth.onnx --precision int8 --proposals 40 --calibration data/paper-924 --data data/test
+edgetree export models/edge-n-depth.safetensors --out models/edge-n-depth.onnx --precision int8 --proposals 60 --calibration data/paper-924 --data data/test
 python -m release.reach models/edge-n-depth.onnx data/paper-924
 python -m release.scenes models/edge-n-depth.json --training data/plain-11 data/paper-101 data/paper-301 data/field-301 data/scene-301 data/camera-301 data/objects-301 data/colours-301 data/paper-902 data/field-901 data/paper-903 data/field-903 data/paper-904 data/field-904 data/paper-905 data/field-905 --scale data/cal-paper data/cal-field data/paper-924 data/field-924 --ranges data/paper-924
 python -m release.cards --test data/test --field-test data/field-test --models models/edge-n-depth.onnx --checkpoints models
