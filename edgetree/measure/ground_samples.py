@@ -73,12 +73,13 @@ def sample_around(
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]
-    rise, squared = offset @ vertical, np.vecdot(offset, offset)
+    # `np.vecdot` of such short vectors takes several times as long.
+    rise, squared = offset @ vertical, offset**2 @ np.ones(3)
     level_m = np.sqrt(np.maximum(squared - rise**2, 0.0))
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
     usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
-    along_m = np.vecdot(offset, axes.along[:, None])
+    along_m = np.matmul(offset, axes.along[..., None])[..., 0]
     from_axis_m = np.sqrt(np.maximum(squared - along_m**2, 0.0))
     usable &= from_axis_m > axes.own_m[:, None]
     usable &= (rise < MAX_ABOVE_CUT_M) & (rise > -MAX_BELOW_CUT_M)
