@@ -75,14 +75,18 @@ class FittedFrame:
     def failure_reasons(self) -> list[str | None]:
         """Why a stem cannot be measured at all, or None, for each stem."""
         outlined = np.asarray(self.observed.edges.valid.any(2).all(0))
-        return [self._failure_reason(index, shown) for index, shown in enumerate(outlined)]
+        outline, stems = self.observed.outline, self.stems
+        blurred = np.zeros_like(outlined) if outline is None else outline.smoothed_away
+        agreeing = stems.fitted & self.observed.enough_used(stems.used) & self.finite
+        flags = zip(outlined.tolist(), blurred.tolist(), agreeing.tolist(), strict=True)
+        return [self._failure_reason(index, *each) for index, each in enumerate(flags)]
 
-    def _failure_reason(self, index: int, outlined: bool) -> str | None:
-        stems = self.stems
+    def _failure_reason(
+        self, index: int, outlined: bool, blurred: bool, agreeing: bool
+    ) -> str | None:
         if (unseen := self._unseen_reason(index, outlined)) is not None:
             return unseen
-        outline = self.observed.outline
-        if outline is not None and outline.smoothed_away[index]:
+        if blurred:
             return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
@@ -93,7 +97,7 @@ class FittedFrame:
             return "the mask shows more than one stem, and nothing tells which one is meant"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
-        if not (stems.fitted & self.observed.enough_used(stems.used) & self.finite)[index]:
+        if not agreeing:
             return "the depth on the stem does not agree with itself"
         return self._implausible_reason(index)
 

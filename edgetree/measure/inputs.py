@@ -117,8 +117,11 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
             " read with calib.read_depth)"
         )
     readings = depth_m[::_SAMPLED_ROWS, ::_SAMPLED_ROWS]
-    readings = readings[np.isfinite(readings) & (readings > 0)]
-    median_m = float(np.median(readings)) if readings.size else 0.0
+    # Most frames have no such reading.
+    median_m = 0.0
+    if (readings > _FARTHEST_MEDIAN_M).any():
+        readings = readings[np.isfinite(readings) & (readings > 0)]
+        median_m = float(np.median(readings)) if readings.size else 0.0
     if median_m > _FARTHEST_MEDIAN_M:
         raise InputError(
             f"the depth map has a median of {median_m:g} m: expected metres; this looks like"

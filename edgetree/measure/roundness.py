@@ -55,50 +55,47 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Bool
     )
     middle_m, reach_m = stems.distance_m[:, None, None], _MAX_OFF * stems.radius_m[:, None, None]
     near_m = np.clip(axis_m, middle_m - reach_m, middle_m + reach_m)
-    half_rad, per_error = sections.half_rad, readings.readings_per_error
-    clipped = _shows_several(offset, near_m, used, half_rad, per_error)
-    near_only = _shows_several(offset, near_m, used & (near_m == axis_m), half_rad, per_error)
-    return clipped | near_only
+    used = np.stack([used, used & (near_m == axis_m)])
+    per_error = readings.readings_per_error
+    return np.asarray(_shows_several(offset, near_m, used, sections.half_rad, per_error).any(0))
 
 
 def _shows_several(
     offset: Float, axis_m: Float, used: Bool, half_rad: Float, readings_per_error: Float
 ) -> Bool:
-    """(T,) flags.
+    """(K, T) flags for K choices of readings.
 
     Args:
         offset: (T, S, N) places across the stems, in half widths from the middle.
         axis_m: (T, S, N) distances to the axis that the readings give.
-        used: (T, S, N) which of them are used.
+        used: (K, T, S, N) which of them are used.
         half_rad: (T,) half the viewing angle of the stems.
         readings_per_error: (T,) number of readings that share one error.
     """
     scores, known = _scores(offset, axis_m, used, half_rad)
     score = masked_medians(scores, known)
-    scatter = MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
-    seen = known.sum(1)
+    scatter = MAD_TO_STD * masked_medians(np.abs(scores - score[..., None]), known)
+    seen = known.sum(-1)
     std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings_per_error, 1.0), 1.0))
-    enough = seen >= _MIN_STATIONS * known.shape[1]
+    enough = seen >= _MIN_STATIONS * known.shape[-1]
     return np.asarray(enough & (score > np.maximum(SEVERAL_STEMS_SCORE, SEVERAL_STEMS_STDS * std)))
 
 
 def _scores(offset: Float, axis_m: Float, used: Bool, half_rad: Float) -> tuple[Float, Bool]:
-    """(T, S) scores of the stations, and which are known; arguments as above."""
+    """(K, T, S) scores of the stations, and which are known; arguments as above."""
     mean_m = _means(axis_m, used)
     radius_m = mean_m * np.sin(half_rad)[:, None, None]
     behind = (axis_m - mean_m) / np.where(radius_m > 0, radius_m, 1.0)
     inner = np.clip(np.abs(offset - 0.5) / 0.5, 0.0, 1.0)
     shapes = np.sqrt(1 - np.minimum(offset, 1.0) ** 2) - 0.5 * np.sqrt(1 - inner**2)
     template = np.where(used, shapes - _means(shapes, used), 0.0)
-    power = (template**2).sum(2)
-    known = (used.sum(2) >= _MIN_READINGS) & (power > _MIN_POWER)
-    score = (template * np.where(used, behind, 0.0)).sum(2) / np.where(known, power, 1.0)
+    power = (template**2).sum(-1)
+    known = (used.sum(-1) >= _MIN_READINGS) & (power > _MIN_POWER)
+    score = (template * np.where(used, behind, 0.0)).sum(-1) / np.where(known, power, 1.0)
     return np.where(known, score, 0.0), known
 
 
 def _means(values: Float, used: Bool) -> Float:
-    """(T, S, 1) means of the used ones of (T, S, N) values."""
-    return np.asarray(
-        np.where(used, values, 0.0).sum(2, keepdims=True)
-        / np.maximum(used.sum(2, keepdims=True), 1)
-    )
+    """(K, T, S, 1) means of the used ones of (T, S, N) values."""
+    total = np.where(used, values, 0.0).sum(-1, keepdims=True)
+    return np.asarray(total / np.maximum(used.sum(-1, keepdims=True), 1))

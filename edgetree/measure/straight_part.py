@@ -74,7 +74,9 @@ def _is_near(mask: MaskGrid, focal_px: float) -> bool:
     if not cells.any():
         return False
     cell_px = float(mask.box_px[2] - mask.box_px[0]) / mask.grid.shape[1]
-    width_px = float(np.quantile(cells[cells > 0], NARROW)) * cell_px
+    cells = np.sort(cells[cells > 0])
+    # `np.quantile` takes much longer.
+    width_px = np.interp(NARROW * (len(cells) - 1), np.arange(len(cells)), cells) * cell_px
     return bool(width_px > NEAR_RAD * focal_px)
 
 
