@@ -157,17 +157,16 @@ def fit_ground_planes(
     level = points @ level_axes.T
     cloud = GroundCloud(level, _by_axis(level), usable, noise, departure, tolerance_m)
     normal, offset, flat = cloud.best_trial(float(np.cos(np.radians(max_slope_deg))))
-    ground_share = np.full(len(points), _GROUND_SHARE)
+    ground_share, number = np.full(len(points), _GROUND_SHARE), np.maximum(usable.sum(1), 1)
     for _ in range(_REFINEMENTS):
         ground, _, variance = cloud.probabilities(normal, offset, ground_share)
-        ground_share = ground.sum(1) / np.maximum(usable.sum(1), 1)
+        ground_share = ground.sum(1) / number
         normal, offset = cloud.regression(ground / variance, normal, offset)
     ground, plants, variance = cloud.probabilities(normal, offset, ground_share)
     support, normal = ground > 0.5, normal @ level_axes
     weight = support * (1 - departure**2 / variance)
     centre, variances, axes = _principal_axes(points, weight)
     squares = (np.matmul(points, normal[..., None])[..., 0] + offset[:, None]) ** 2
-    above = plants.sum(1) / np.maximum(usable.sum(1), 1)
     fits = _Fits(
         usable=usable.sum(1),
         flat=flat,
@@ -179,7 +178,7 @@ def fit_ground_planes(
         support=support.sum(1),
         weight=weight.sum(1),
         squares=(weight * squares).sum(1),
-        above=above,
+        above=plants.sum(1) / number,
     )
     return [
         fits.plane(index, points_per_error, max_slope_deg, vertical) for index in range(len(points))

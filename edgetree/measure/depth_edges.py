@@ -87,7 +87,7 @@ def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
     used = depth_m > 0
     depth_m = np.where(used, depth_m, 1.0)
     settings = frame.settings
-    noise = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)
+    noise = settings.depth_stds_m(depth_m) / depth_m**2
     lines = best_distance_lines(
         np.repeat(along, len(_FRONT), axis=1),
         1 / depth_m,

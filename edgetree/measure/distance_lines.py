@@ -236,14 +236,11 @@ def best_distance_lines(
     support = (near_parts.sum(-1) - penalty).reshape(len(count), -1)
     rows = np.arange(len(count))
     best = support.argmax(1)
-    ends = np.stack(
-        [np.where(used, height, np.inf).min(1), np.where(used, height, -np.inf).max(1)], 1
-    )
-    ends = np.where(np.isfinite(ends), ends, 0.0)[:, None, None]
-    inverse_there = candidates[..., None] + slopes[..., None, None] * ends
-    inverse_there = inverse_there.reshape(len(count), -1, 2)
-    clearance = 2 * masked_means(allowed, used)[:, None, None]
-    nearer = (inverse_there > inverse_there[rows, best][:, None] + clearance).all(-1)
+    ends = np.stack([np.where(used, height, np.inf).min(1), np.where(used, height, -np.inf).max(1)])
+    ends = np.where(np.isfinite(ends), ends, 0.0)[..., None, None]
+    inverse_there = (candidates + slopes[..., None] * ends).reshape(2, len(count), -1)
+    clearance = 2 * masked_means(allowed, used)[:, None]
+    nearer = (inverse_there > inverse_there[:, rows, best][..., None] + clearance).all(0)
     all_along = (near_parts >= _MIN_NEARER * np.matmul(used, within)[:, None, None]).all(-1)
     nearer &= all_along.reshape(len(count), -1)
     best = np.where(nearer.any(1), np.where(nearer, support, -np.inf).argmax(1), best)

@@ -63,6 +63,7 @@ class FittedFrame:
     keypoints: Keypoints
     observed: StemObservations
     stems: Stems
+    widths: MaskWidths
     roll_std_rad: Float
     feet: FootDistances | None = None
     ground_seen: bool = True
@@ -212,16 +213,6 @@ class FittedFrame:
         doubt_m = np.hypot(stems.distance_std_m, feet.doubt_m)
         stems = replace(stems, distance_m=moved_m, distance_std_m=doubt_m, tilt_std_rad=tilt_rad)
         return replace(self, stems=stems, feet=feet)
-
-    @cached_property
-    def widths(self) -> MaskWidths:
-        """Edges in the masks by height along the axes.
-
-        Their error grows as that of the section does where keypoints, mask and depth disagree.
-        """
-        sections = self.stems.sections
-        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
-        return replace(widths, std_rad=widths.std_rad * self.stems.disagreement)
 
     @cached_property
     def finite(self) -> Bool:

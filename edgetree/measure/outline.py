@@ -123,7 +123,8 @@ def _between(flags: Bool, known: Bool) -> Bool:
     station = np.arange(known.shape[-1])
     before = np.maximum.accumulate(np.where(known, station, -1), -1)
     after = np.minimum.accumulate(np.where(known, station, station[-1] + 1)[..., ::-1], -1)
-    ended = np.pad(flags, ((0, 0), (1, 1)))
+    ended = np.zeros((len(flags), len(station) + 2), np.bool_)
+    ended[:, 1:-1] = flags
     sides = [np.take_along_axis(ended, side + 1, -1) for side in (before, after[..., ::-1])]
     return np.asarray(sides[0] & sides[1])
 

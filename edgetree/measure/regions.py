@@ -43,6 +43,11 @@ class SearchRegions:
         """(T, 2) unit vector at right angles to the centre line, to the right of the stem."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
 
+    @cached_property
+    def _across(self) -> Float:
+        """(2, T, 1, 1) x and y of `across`."""
+        return self.across.T[..., None, None]
+
     def of(self, stems: Bool | Index) -> SearchRegions:
         """The regions of some of the stems, chosen by flags (T,) or their numbers."""
         return SearchRegions(*(part[stems] for part in self.arrays))
@@ -74,10 +79,9 @@ class SearchRegions:
         Returns:
             (..., T, S, C, 2) points in pixels; in memory, all x lie before all y.
         """
-        points = np.empty((2, *across_px.shape))
-        for axis in (0, 1):
-            np.multiply(across_px, self.across[:, axis, None, None], out=points[axis])
-            points[axis] += self._line_px[axis]
+        by_axis = (slice(None), *(None,) * (across_px.ndim - 3))
+        points = np.multiply(across_px, self._across[by_axis], order="C")
+        points += self._line_px[by_axis]
         return points.transpose(*range(1, points.ndim), 0)
 
 
