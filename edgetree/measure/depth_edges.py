@@ -15,7 +15,7 @@ from edgetree.measure.constants.outlines import (
     RAMP_END,
 )
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
-from edgetree.measure.edge_lines import masked_medians, pick
+from edgetree.measure.edge_lines import masked_medians, median, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.layers import own_readings
 from edgetree.measure.regions import OUTWARDS, SearchRegions
@@ -162,7 +162,7 @@ def find_depth_edges(
     steps = (ramp & (behind_m < RAMP_END * beside_m[..., None])).sum(-1)
     seen_share = RAMP_END - reach_m[..., 0] / np.where(clear, beside_m, np.inf)
     widths_px = (steps * step_px[:, None] / seen_share)[clear]
-    ramp_px = float(np.median(widths_px)) if len(widths_px) >= _MIN_RAMPS else 0.0
+    ramp_px = median(widths_px) if len(widths_px) >= _MIN_RAMPS else 0.0
     return DepthEdges(
         inset_px=inset_px,
         known=known,
@@ -190,5 +190,5 @@ def _shifts_px(median_px: Float, enough: Bool) -> Float:
     opposite = left * right < 0
     size = np.where(opposite, np.minimum(np.abs(left), np.abs(right)), 0.0)
     shift_px = np.sign(left) * size
-    common_px = float(np.median(shift_px[both])) if both.any() else 0.0
+    common_px = median(shift_px[both]) if both.any() else 0.0
     return np.where(both, shift_px, common_px)

@@ -136,9 +136,8 @@ def pick(values: NDArray[Any], index: Index) -> NDArray[Any]:
     Returns:
         (..., A) the values.
     """
-    rows = values.reshape(-1, values.shape[-1])
-    picked = rows[np.arange(len(rows)), index.reshape(-1, len(rows))]
-    return np.asarray(picked.reshape(index.shape))
+    first = np.arange(0, values.size, values.shape[-1]).reshape(values.shape[:-1])
+    return np.asarray(values.take(first + index))
 
 
 def masked_medians(values: Float, valid: Bool) -> Float:
@@ -151,6 +150,12 @@ def masked_medians(values: Float, valid: Bool) -> Float:
     middle = np.minimum(number // 2, count - 1)
     found = ordered.take(middle + np.arange(0, ordered.size, count).reshape(middle.shape))
     return np.where(np.isfinite(found), found, 0.0)
+
+
+def median(values: Float) -> float:
+    """The median of (N,) values without NaN, at least one; `np.median` takes much longer."""
+    ordered, count = np.sort(values), len(values)
+    return float(ordered[(count - 1) // 2] + ordered[count // 2]) / 2
 
 
 def fit_lines(position: Float, value: Float, weight: Float) -> tuple[Float, Float]:

@@ -17,7 +17,7 @@ from basetree.normal import MAD_TO_STD
 from edgetree.measure.constants.edges import STATIONS_PER_END
 from edgetree.measure.depth_edges import DepthEdges
 from edgetree.measure.drawn_edges import DrawnEdges
-from edgetree.measure.edge_lines import fit_lines, masked_medians
+from edgetree.measure.edge_lines import fit_lines, masked_medians, median
 from edgetree.measure.regions import SearchRegions
 from edgetree.measure.surface_ends import SurfaceEnds
 
@@ -71,8 +71,8 @@ def edge_offsets(
     common_px, common = np.zeros(len(mask_std_px)), own & (depth.median_px == 0)
     if common.any():
         side_px = np.median(line_px, axis=2)[common]
-        middle_px = float(np.median(side_px))
-        spread_px = MAD_TO_STD * float(np.median(np.abs(side_px - middle_px)))
+        middle_px = median(side_px)
+        spread_px = MAD_TO_STD * median(np.abs(side_px - middle_px))
         common_std_px = np.hypot(shared_std_px, spread_px / math.sqrt(len(side_px)))
         common_px = middle_px * mask_std_px**2 / (mask_std_px**2 + common_std_px**2)
     own_std_px = np.hypot(shared_std_px, line_std_px)
@@ -81,7 +81,7 @@ def edge_offsets(
     std_px = np.hypot(mask_std_px, (trust * shared_std_px).max(0))
     trust = trust[..., None]
     inwards_px = trust * line_px + (1 - trust) * common_px[:, None]
-    return EdgeOffsets(inwards_px, std_px, float(np.median(common_px)))
+    return EdgeOffsets(inwards_px, std_px, median(common_px))
 
 
 def _lines(regions: SearchRegions, offset_px: Float, known: Bool) -> tuple[Float, Float]:

@@ -27,7 +27,7 @@ def lowest_seen_px(frame: DepthFrame, regions: SearchRegions) -> Float:
     aside = (_LINES * regions.half_px[:, None])[..., None] * regions.across[:, None]
     inside = frame.mask_probability(line[:, None] + aside[:, :, None]) >= MASK_THRESHOLD
     lowest = np.take_along_axis(position, inside.argmax(2), 1)
-    lowest = np.median(np.where(inside.any(2), lowest, np.inf), axis=1)[:, None]
+    lowest = np.sort(np.where(inside.any(2), lowest, np.inf), axis=1)[:, len(_LINES) // 2, None]
     lowest = np.where(np.isfinite(lowest), lowest, np.nan)
     return np.asarray(regions.origin_px + lowest * regions.along)
 

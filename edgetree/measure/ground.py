@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -175,15 +176,25 @@ def _fit_planes(
     )
     cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
     from_bark_m = np.maximum(samples.level_m - radii_m[:, None], 0.0)
-    near = samples.usable & (from_bark_m < GAP_WITHIN_M)
+    deep = samples.usable & (from_bark_m < GAP_WITHIN_M)
+    deep &= _heights_m(samples.points, planes) < -GAP_STDS * UNEVEN_STD_M
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
         else (plane, max(std_m, _gap_depth_m(settings, xyz[here], away_m[here], plane, noise)))
         for plane, std_m, xyz, away_m, here in zip(
-            planes, cover_std_m.tolist(), samples.points, from_bark_m, near, strict=True
+            planes, cover_std_m.tolist(), samples.points, from_bark_m, deep, strict=True
         )
     ]
+
+
+def _heights_m(points: Float, planes: Sequence[GroundPlane | GroundPlaneFailure]) -> Float:
+    """(T, N) heights of points (T, N, 3) above their planes; 0 where there is none."""
+    normals, offsets_m = np.zeros((len(planes), 3, 1)), np.zeros((len(planes), 1))
+    for index, plane in enumerate(planes):
+        if isinstance(plane, GroundPlane):
+            normals[index, :, 0], offsets_m[index] = plane.normal, plane.offset_m
+    return np.asarray(np.matmul(points, normals)[..., 0] + offsets_m)
 
 
 def _gap_depth_m(
@@ -193,14 +204,12 @@ def _gap_depth_m(
     plane: GroundPlane,
     noise: float,
 ) -> float:
-    """How far below the plane of one stem the samples beside it show deeper ground, in metres."""
-    below = plane.height_m(points) < -GAP_STDS * UNEVEN_STD_M
-    if np.count_nonzero(below) < MIN_GAP_READINGS:
+    """How far below the plane of one stem deep samples beside it show the ground, in metres."""
+    if len(points) < MIN_GAP_READINGS:
         return 0.0
-    points = points[below]
     depth_m = points[:, 2]
     slope = np.abs(points @ plane.normal) / depth_m
     height_std_m = slope * noise * settings.depth_stds_m(depth_m)
-    departure_m = DEPARTURE_STD_PER_M * from_bark_m[below] ** 2
+    departure_m = DEPARTURE_STD_PER_M * from_bark_m**2
     std_m = np.sqrt(UNEVEN_STD_M**2 + height_std_m**2 + departure_m**2)
     return gap_depth_m(points, std_m, plane)

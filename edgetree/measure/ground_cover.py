@@ -29,7 +29,7 @@ from edgetree.measure.constants.ground import (
     STD_PER_UNSTEADINESS_M,
     UNEVEN_STD_M,
 )
-from edgetree.measure.edge_lines import masked_medians
+from edgetree.measure.edge_lines import masked_medians, median
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Readings
@@ -63,7 +63,7 @@ def noise_factor(readings: Readings, stations: int, settings: MeasureSettings) -
         return 1.0
     before, middle, after = before[used], middle[used], after[used]
     ratio = _bend_m(before, middle, after) / settings.depth_stds_m(middle)
-    return max(float(np.median(ratio)) / MEDIAN_ABS_NORMAL, 1.0)
+    return max(median(ratio) / MEDIAN_ABS_NORMAL, 1.0)
 
 
 def cover_stds_m(
@@ -116,7 +116,7 @@ def gap_depth_m(points: Float, std_m: Float, plane: GroundPlane) -> float:
     """
     below_m = -plane.height_m(points)
     deep_m = below_m[below_m > GAP_STDS * std_m]
-    return float(np.median(deep_m)) if len(deep_m) >= MIN_GAP_READINGS else 0.0
+    return median(deep_m) if len(deep_m) >= MIN_GAP_READINGS else 0.0
 
 
 def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:

@@ -11,7 +11,7 @@ from basetree.arrays import Bool, Float
 from basetree.normal import MAD_TO_STD
 from edgetree.measure.depth_edges import DepthEdges, search_step_px, surface_reach_m
 from edgetree.measure.drawn_edges import UNKNOWN, DrawnEdges, beside, drawn_edges
-from edgetree.measure.edge_lines import fit_lines, pick
+from edgetree.measure.edge_lines import fit_lines, median, pick
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
@@ -93,7 +93,7 @@ def _roughness_px(regions: SearchRegions, outward_px: Float, known: Bool, step_p
     off_px = np.abs(ends_px - value[..., None] - slope[..., None] * regions.stations_px)
     # A pixel is wider across a stem that leans in the image.
     off_px = (off_px / np.abs(regions.across).sum(1)[:, None])[known]
-    return float(np.median(off_px)) * MAD_TO_STD if len(off_px) >= _MIN_ENDS else math.nan
+    return median(off_px) * MAD_TO_STD if len(off_px) >= _MIN_ENDS else math.nan
 
 
 def _reading_middles(frame: DepthFrame, regions: SearchRegions, across_px: Float) -> Float:
