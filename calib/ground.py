@@ -62,7 +62,8 @@ class GroundPlane:
         n), where u, v are the point's coordinates along the axes and su, sv the extents.
         """
         offset_m = (np.asarray(points_m, np.float64) - self.centre_m) @ self.axes.T
-        leverage = 1 + ((offset_m / self.extents_m) ** 2).sum(-1)
+        offset_m /= self.extents_m
+        leverage = 1 + np.vecdot(offset_m, offset_m)
         return np.asarray(self.residual_std_m * np.sqrt(leverage / self.independent_points))
 
 

@@ -13,6 +13,7 @@ _LINES = np.array([-0.5, 0.0, 0.5])
 _SAMPLES = 48
 # The search starts this much of the length below the region, whose ends are not those of the mask.
 _MARGIN = 0.005
+_SHARE = np.linspace(0.0, 1.0, _SAMPLES) ** 2 * (1 + _MARGIN) - _MARGIN
 
 
 def lowest_seen_px(frame: DepthFrame, regions: SearchRegions) -> Float:
@@ -21,8 +22,7 @@ def lowest_seen_px(frame: DepthFrame, regions: SearchRegions) -> Float:
     The median of three lines, so that single pixels of a mask do not move it.
     """
     low, high = regions.span_px[:, :1], regions.span_px[:, 1:]
-    share = np.linspace(0.0, 1.0, _SAMPLES) ** 2 * (1 + _MARGIN) - _MARGIN
-    position = low + (high - low) * share
+    position = low + (high - low) * _SHARE
     line = regions.origin_px[:, None] + position[..., None] * regions.along[:, None]
     aside = (_LINES * regions.half_px[:, None])[..., None] * regions.across[:, None]
     inside = frame.mask_probability(line[:, None] + aside[:, :, None]) >= MASK_THRESHOLD

@@ -27,6 +27,7 @@ from edgetree.measure.width import StemEdges
 
 # Depth is sampled at this many points across the stem.
 _DEPTH_SAMPLES = 9
+_ACROSS = np.linspace(-1, 1, _DEPTH_SAMPLES)
 # Of depth that is smoothed over most of the stem, at least this share of the half width is read.
 _MIN_WITHIN = 0.2
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
@@ -156,12 +157,11 @@ def _sample_depth(
         # Smoothed depth near an edge is a mixture with the background.
         mixed = outline.depth_ramp_px / 2 / np.maximum(reach, 1e-3)
         within = np.clip(1 - mixed, _MIN_WITHIN, DEPTH_WITHIN)
-    across = np.linspace(-1, 1, _DEPTH_SAMPLES)
-    across_px = middle[..., None] + (within * reach)[..., None] * across
+    across_px = middle[..., None] + (within * reach)[..., None] * _ACROSS
     xy_px = regions.points(across_px)
     beams = None
     if frame.beams_px is not None:
-        beams = beams_on_stems(frame, regions, edges_px, within, across, xy_px)
+        beams = beams_on_stems(frame, regions, edges_px, within, _ACROSS, xy_px)
         xy_px = beams.xy_px
     rays, depth_m = frame.readings(xy_px)
     if shift_px.any():

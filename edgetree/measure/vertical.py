@@ -45,7 +45,7 @@ class Vertical:
     @property
     def tilt_std_rad(self) -> float:
         """Standard deviation of its angle, averaged over all horizontal directions."""
-        return math.sqrt(max(float(np.trace(self.covariance)), 0.0) / 2)
+        return math.sqrt(max(float(self.covariance.trace()), 0.0) / 2)
 
     @property
     def shows_leans(self) -> bool:
