@@ -152,7 +152,6 @@ def _fitted(view: View, up: Float | None) -> FittedFrame:
         keypoints=keypoints,
         observed=observed,
         stems=stems,
-        widths=stems.mask_widths(observed.edges),
         roll_std_rad=roll_std_rad,
     )
 

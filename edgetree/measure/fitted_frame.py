@@ -63,7 +63,6 @@ class FittedFrame:
     keypoints: Keypoints
     observed: StemObservations
     stems: Stems
-    widths: MaskWidths
     roll_std_rad: Float
     feet: FootDistances | None = None
     ground_seen: bool = True
@@ -76,18 +75,14 @@ class FittedFrame:
     def failure_reasons(self) -> list[str | None]:
         """Why a stem cannot be measured at all, or None, for each stem."""
         outlined = np.asarray(self.observed.edges.valid.any(2).all(0))
-        outline, stems = self.observed.outline, self.stems
-        blurred = np.zeros_like(outlined) if outline is None else outline.smoothed_away
-        agreeing = stems.fitted & self.observed.enough_used(stems.used) & self.finite
-        flags = zip(outlined.tolist(), blurred.tolist(), agreeing.tolist(), strict=True)
-        return [self._failure_reason(index, *each) for index, each in enumerate(flags)]
+        return [self._failure_reason(index, shown) for index, shown in enumerate(outlined)]
 
-    def _failure_reason(
-        self, index: int, outlined: bool, blurred: bool, agreeing: bool
-    ) -> str | None:
+    def _failure_reason(self, index: int, outlined: bool) -> str | None:
+        stems = self.stems
         if (unseen := self._unseen_reason(index, outlined)) is not None:
             return unseen
-        if blurred:
+        outline = self.observed.outline
+        if outline is not None and outline.smoothed_away[index]:
             return "the camera smooths the depth over more than the width of the stem"
         if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
@@ -98,7 +93,7 @@ class FittedFrame:
             return "the mask shows more than one stem, and nothing tells which one is meant"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
-        if not agreeing:
+        if not (stems.fitted & self.observed.enough_used(stems.used) & self.finite)[index]:
             return "the depth on the stem does not agree with itself"
         return self._implausible_reason(index)
 
@@ -213,6 +208,16 @@ class FittedFrame:
         doubt_m = np.hypot(stems.distance_std_m, feet.doubt_m)
         stems = replace(stems, distance_m=moved_m, distance_std_m=doubt_m, tilt_std_rad=tilt_rad)
         return replace(self, stems=stems, feet=feet)
+
+    @cached_property
+    def widths(self) -> MaskWidths:
+        """Edges in the masks by height along the axes.
+
+        Their error grows as that of the section does where keypoints, mask and depth disagree.
+        """
+        sections = self.stems.sections
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        return replace(widths, std_rad=widths.std_rad * self.stems.disagreement)
 
     @cached_property
     def finite(self) -> Bool:

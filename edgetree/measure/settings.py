@@ -178,7 +178,8 @@ class MeasureSettings:
     def depth_stds_m(self, depth_m: Float) -> Float:
         """Assumed standard deviations of depth readings (...) in metres, of the same shape."""
         # `np.hypot` takes several times as long.
-        return np.sqrt(self.depth_noise_m**2 + (self.depth_noise_per_m * depth_m**2) ** 2)
+        variance = self.depth_noise_m**2 + (self.depth_noise_per_m * depth_m**2) ** 2
+        return np.asarray(np.sqrt(variance))
 
     def of_beams(self) -> MeasureSettings:
         """The same with the depth's noise of a laser scanner, where it is not given."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from edgetree.measure.distance_lines import (
 )
 from edgetree.measure.section import Sections, StemAxes
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.width import HalfAngle, MaskWidths, StemEdges, fuse
+from edgetree.measure.width import HalfAngle, StemEdges, fuse
 
 # Repetitions of the fit, until all tilts change by less than this.
 _ITERATIONS = 5
@@ -111,14 +111,6 @@ class Stems:
     def radius_m(self) -> Float:
         """(T,) radius at the section."""
         return np.asarray(self.distance_m * np.sin(self.sections.half_rad))
-
-    def mask_widths(self, edges: StemEdges) -> MaskWidths:
-        """Edges in the masks by height along the axes.
-
-        Their error grows as that of the section does where keypoints, mask and depth disagree.
-        """
-        widths = edges.mask_widths(self.sections.axes, self.sections.height_ratio)
-        return replace(widths, std_rad=widths.std_rad * self.disagreement)
 
 
 def fit_stems(
