@@ -11,7 +11,7 @@ import numpy as np
 
 from basetree.arrays import Float32, UInt8
 
-_MOST_ROWS: Final = 32
+_MOST_ROWS: Final = 80
 """Rows of a block up to which multiplying by all of its weights is faster than OpenCV.
 Source: benchmarks/results/shrinking.json."""
 _AT_ONCE: Final = 2**19
