@@ -33,6 +33,9 @@ from edgetree.sources.videos import VideoFrames, is_picture
 
 _log = logging.getLogger(__name__)
 
+# What `edgetree live` takes as a camera or an address.
+_CAMERA: Final = re.compile(r"(?:realsense|oak|orbbec|\d+|/dev/video\d+)$|[a-z]+://")
+
 _DEFAULT_RATE_HZ: Final = 15.0
 
 
@@ -77,9 +80,7 @@ def open_source(
     if path.is_dir():
         return _open_folder(path, depth, depth_only, rig, upright)
     if not path.exists():
-        raise InputError(
-            f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
-        )
+        raise no_such_source(path)
     if is_cloud_file(path) and depth is None:
         return CloudViews(path, rig)
     if is_picture(path) or (depth_only and path.suffix.lower() == ARRAY_SUFFIX):
@@ -158,6 +159,14 @@ def as_stream(
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"rate_hz is {rate_hz}: expected frames per second, above 0")
     return _Stream(frames, rig or Rig(), rate_hz)
+
+
+def no_such_source(path: Path) -> InputError:
+    """The error for a source that is not there; that of a camera says which command takes it."""
+    typed = as_typed(path)
+    fault = f"source {typed} does not exist: expected an image, a folder or a video"
+    is_camera = _CAMERA.match(typed) is not None
+    return InputError(fault + f"; a camera or a stream is for `edgetree live {typed}`" * is_camera)
 
 
 def as_typed(source: Path) -> str:

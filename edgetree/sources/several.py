@@ -12,7 +12,7 @@ from typing import NamedTuple
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.sources.files import as_typed, open_image_files, open_source
+from edgetree.sources.files import no_such_source, open_image_files, open_source
 from edgetree.sources.folders import depth_alone, folder_files, with_depth
 from edgetree.sources.opening import is_stream
 from edgetree.sources.picture_names import is_image_name
@@ -134,9 +134,7 @@ def _parts(
 ) -> list[_Picture] | list[Path]:
     """What a file or folder adds: the pictures of a folder, or itself if it is none."""
     if not path.exists():
-        raise InputError(
-            f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
-        )
+        raise no_such_source(path)
     if not path.is_dir() or is_stream(path):
         return [path]
     alone = depth_alone(path, depth)

@@ -19,6 +19,7 @@ from basetree.files.headers.exif import turned_upright
 from basetree.files.limits import current_limits, set_limits
 from edgetree.frames.images import read_image
 from edgetree.sources import open_source
+from edgetree.sources.live import VENDORS
 from edgetree.sources.source import readable
 
 
@@ -106,6 +107,12 @@ def test_a_video_gives_numbered_frames(tmp_path: Path) -> None:
     assert levels == pytest.approx([0, 100, 200], abs=3)
     with pytest.raises(InputError, match="is not an image: expected an image or a folder"):
         open_source(path, depth=tmp_path)
+
+
+@pytest.mark.parametrize("text", [*VENDORS, "0", "/dev/video99", "rtsp://camera:554/1"])
+def test_a_camera_is_said_to_be_for_live(text: str) -> None:
+    with pytest.raises(InputError, match=f"a stream is for `edgetree live {text}`$"):
+        open_source(Path(text))
 
 
 def test_a_missing_source_is_named(tmp_path: Path) -> None:
