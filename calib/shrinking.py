@@ -22,10 +22,10 @@ Source: benchmarks/results/shrinking.json."""
 def shrink(image: UInt8, width: int, height: int) -> UInt8:
     """Shrink an image; each new pixel is the mean of the area that it covers.
 
-    The same as `cv2.resize` with `INTER_AREA`, which works one pixel after the other unless both
-    sides shrink by a whole number. Here the rows are averaged first, by a matrix product with the
-    weights of the smallest block of rows that becomes whole rows: 8 become 5 from 720 to 450 px.
-    Of 255 grey levels, pixels differ by at most one, where a mean lies half way.
+    `cv2.resize` with `INTER_AREA` gives the same, but works pixel by pixel unless both sides shrink
+    by a whole number. Here rows are averaged first, by a matrix product: from 720 to 450 px, each
+    block of 8 rows becomes 5. Then OpenCV averages the columns. A pixel differs from OpenCV's by at
+    most one grey level, where its mean lies half way between two.
 
     Args:
         image: (H, W) or (H, W, C) uint8.

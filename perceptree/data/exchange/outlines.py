@@ -15,8 +15,8 @@ from perceptree.data.coco import FrameRecord, TreeRecord
 _TOLERANCE_PX: Final = 0.5
 """Masks are traced so exactly: at 1 px, narrow ones lose a tenth of their cells."""
 
-HOLES: Final = "the holes of {} masks are filled: outlines hold none"
-SMALL_PARTS: Final = "left out: parts of {} masks smaller than 1 % of their largest part"
+HOLES: Final = "masks whose holes are filled, as outlines hold none: {}"
+SMALL_PARTS: Final = "masks that lose parts smaller than 1 % of their largest part: {}"
 
 
 class Outlines(NamedTuple):

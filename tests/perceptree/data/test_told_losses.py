@@ -32,8 +32,8 @@ def test_holes_and_small_parts_of_masks(
     labels = posts / "train_RGB.json"
     code, _, errors = call("data", "convert", labels, "--out", tmp_path / "out", "--to", form)
     assert code == 0, errors
-    assert "the holes of 2 masks are filled" in errors
-    assert "left out: parts of 1 masks smaller than 1 % of their largest part" in errors
+    assert "masks whose holes are filled, as outlines hold none: 2" in errors
+    assert "masks that lose parts smaller than 1 % of their largest part: 1" in errors
 
 
 @pytest.mark.parametrize("form", ["coco", "yolo-seg", "labelme"])
