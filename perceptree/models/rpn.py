@@ -14,6 +14,9 @@ from perceptree.models.spec import ModelSpec
 
 PROPOSAL_WEIGHTS = (1.0, 1.0, 1.0, 1.0)
 
+SEPARABLE_SIDE = 5
+"""Taps of the separable convolution each way."""
+
 
 class ProposalMaps(NamedTuple):
     """The network's output for every anchor, one tensor per level."""
@@ -46,13 +49,15 @@ class ProposalNetwork(nn.Module):
         super().__init__()
         self.spec = spec
         anchors = spec.anchors_per_cell
-        self.conv = nn.Conv2d(spec.fpn_width, spec.fpn_width, 3, padding=1)
+        self.conv = _convolution(spec)
         self.objectness = nn.Conv2d(spec.fpn_width, anchors, 1)
         self.shift = nn.Conv2d(spec.fpn_width, 4 * anchors, 1)
-        nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
+        layers = [part for part in self.conv.modules() if isinstance(part, nn.Conv2d)]
+        for layer in layers:
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
         for layer in (self.objectness, self.shift):
             nn.init.normal_(layer.weight, std=0.01)
-        for layer in (self.conv, self.objectness, self.shift):
+        for layer in (layers[-1], self.objectness, self.shift):
             nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
         for level, sizes_px in zip(spec.levels, spec.anchor_sizes_px, strict=True):
             boxes = level_anchors(
@@ -115,3 +120,12 @@ class ProposalNetwork(nn.Module):
             return boxes, scores, joint_nms_keep_mask(boxes, scores, valid, iou)
         kept = [nms_keep_mask(boxes[i], scores[i], valid[i], iou) for i in range(boxes.shape[0])]
         return boxes, scores, torch.stack(kept)
+
+
+def _convolution(spec: ModelSpec) -> nn.Module:
+    """The convolution that all levels share, dense or separable."""
+    width, side = spec.fpn_width, SEPARABLE_SIDE
+    if not spec.separable_proposals:
+        return nn.Conv2d(width, width, 3, padding=1)
+    depthwise = nn.Conv2d(width, width, side, padding=side // 2, groups=width, bias=False)
+    return nn.Sequential(depthwise, nn.Conv2d(width, width, 1))

@@ -82,6 +82,7 @@ class Network(TypedDict):
     score_threshold: Share
     nms_iou: Share
     box_voting: NotRequired[bool]
+    separable_proposals: NotRequired[bool]
     mask_score_weight: NotRequired[float]
     colour_backbone: NotRequired[str]
     colour_mean: NotRequired[list[float]]

@@ -106,7 +106,7 @@ def test_the_state_of_an_older_version_goes_on_at_the_values_that_it_had(
     train(narrow(), plan(steps=1), posts, run)
     state = torch.load(run / "state.pt")
     identity = json.loads(state["identity"])
-    for name in ("box_voting", "mask_score_weight", "reduction"):
+    for name in ("box_voting", "mask_score_weight", "reduction", "separable_proposals"):
         del identity["model settings"][name]
     torch.save(state | {"identity": json.dumps(identity)}, run / "state.pt")
     old = BranchedRun.read(run).spec
