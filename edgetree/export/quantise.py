@@ -17,12 +17,13 @@ import numpy as np
 
 from basetree.arrays import UInt8
 from edgetree.export.first_convolution import byte_range, use_bytes_as_quantised
-from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
+from edgetree.export.layers import frame_reader, last_matmuls, module_scopes, network_nodes
 from edgetree.export.quiet import quiet
 from edgetree.export.rounding import round_weights
 
 _QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Mul", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
+_COPYING: Final = {"Gather", "Transpose"}
 # Matrix multiplications, which the last layers are, take 8-bit inputs and give float outputs.
 _FLOAT_OUTPUT: Final = "MatMul"
 
@@ -75,7 +76,7 @@ def quantise(model: Any, frames: UInt8, *, symmetric: bool = False) -> Any:
                 per_channel=True,
                 reduce_range=weight_bits(symmetric=symmetric) < 8,
                 calibrate_method=CalibrationMethod.MinMax,
-                op_types_to_quantize=sorted({*_QUANTISED, *_JOINING, _FLOAT_OUTPUT}),
+                op_types_to_quantize=sorted({*_QUANTISED, *_JOINING, *_COPYING, _FLOAT_OUTPUT}),
                 nodes_to_quantize=_nodes_to_quantise(model),
                 extra_options={
                     "WeightSymmetric": True,
@@ -101,8 +102,17 @@ def _fixed(kind: Any, scale: np.float32) -> dict[str, Any]:
 
 
 def _nodes_to_quantise(model: Any) -> list[str]:
-    network = [node for node in network_nodes(model) if node.op_type in _QUANTISED]
+    network = [
+        node
+        for node in network_nodes(model)
+        if node.op_type in _QUANTISED or _copies_pyramid_rows(node)
+    ]
     return [node.name for node in (*network, *_pyramid_joins(model), *last_matmuls(model))]
+
+
+def _copies_pyramid_rows(node: Any) -> bool:
+    """Whether a node is a part of the pyramid's upsampling by `rewrites`."""
+    return node.op_type in _COPYING and "model.pyramid.upsample" in module_scopes(node)
 
 
 def _pyramid_joins(model: Any) -> list[Any]:

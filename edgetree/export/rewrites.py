@@ -43,6 +43,7 @@ def rewrite_for_export(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
         tower: Any = changed.keypoint_head.tower
         tower.up = (_upsampling_matmul if quantised else _subpixel_convolution)(tower.up)
     if quantised:
+        changed.pyramid.upsample = _by_repeating()  # type: ignore[assignment]
         proposer: Any = changed.proposer
         proposer.objectness = _pointwise_matmul(proposer.objectness)
         proposer.shift = _pointwise_matmul(proposer.shift)
@@ -77,6 +78,26 @@ def _shuffle_after_score(head: MaskHead, quantised: bool) -> None:
     tower.up = conv
     last: Any = nn.Sequential(_pointwise_matmul(joined) if quantised else joined, shuffle)
     head.score = last
+
+
+def _by_repeating() -> nn.Module:
+    """Nearest-neighbour upsampling by 2 that copies rows and columns of pixels.
+
+    onnxruntime's `Resize` of 8-bit maps works on one value after the other, in one thread.
+    """
+    import torch
+    from torch import nn
+
+    class Repeated(nn.Module):
+        def forward(self, x: Tensor) -> Tensor:
+            """(B, C, H, W) -> (B, C, 2 H, 2 W)."""
+            x = x.permute(0, 2, 3, 1)
+            for axis in (1, 2):
+                rows = torch.arange(x.shape[axis]).repeat_interleave(2)
+                x = torch.index_select(x, axis, rows)
+            return x.permute(0, 3, 1, 2)
+
+    return Repeated()
 
 
 def _pointwise_matmul(layer: nn.Conv2d) -> nn.Module:

@@ -29,6 +29,7 @@ class FeaturePyramid(nn.Module):
         super().__init__()
         self.lateral = nn.ModuleList(_convolution(c, width, 1, norm) for c in in_channels)
         self.output = nn.ModuleList(_convolution(width, width, 3, norm) for _ in in_channels)
+        self.upsample = nn.Upsample(scale_factor=2.0, mode="nearest")
         self.level_6 = level_6
 
     def forward(self, maps: list[Tensor], lateral: bool = False) -> list[Tensor]:
@@ -40,8 +41,7 @@ class FeaturePyramid(nn.Module):
         """
         merged = list(maps) if lateral else self.laterals(maps)
         for i in range(len(merged) - 1, 0, -1):
-            up = functional.interpolate(merged[i], scale_factor=2.0, mode="nearest")
-            merged[i - 1] = merged[i - 1] + up
+            merged[i - 1] = merged[i - 1] + self.upsample(merged[i])
         made = [output(x) for output, x in zip(self.output, merged, strict=True)]
         if self.level_6:
             made.append(functional.max_pool2d(made[-1], kernel_size=1, stride=2))

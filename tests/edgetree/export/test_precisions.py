@@ -150,6 +150,22 @@ def test_every_convolution_and_the_heads_take_8_bits(int8: Graph, model: TreeRCN
     assert {min(shape) for shape in products if not products[shape]} <= {2, 4}
 
 
+def test_maps_of_the_pyramid_are_upsampled_in_8_bits(int8: Graph, model: TreeRCNN) -> None:
+    assert not [node for node in int8.of("Resize") if int8.is_8_bit(node)]
+    copies = [n for n in int8.of("Gather") if n.name.startswith("node_index_select")]
+    assert len(copies) == 2 * (len(model.spec.levels) - 1)
+    for node in copies:
+        source = int8.makers[node.input[0]]
+        (quantise,) = int8.takers(node.output[0])
+        # With the same scale and zero point before and after, the runtime copies bytes.
+        assert (source.op_type, quantise.op_type) == ("DequantizeLinear", "QuantizeLinear")
+        before, after = (
+            [onnx.numpy_helper.to_array(int8.constants[name]) for name in each.input[1:]]
+            for each in (source, quantise)
+        )
+        assert before == after
+
+
 def test_last_layers_take_8_bits_and_give_floats(int8: Graph, model: TreeRCNN) -> None:
     products = [node for node in int8.of("MatMul") if int8.is_8_bit(node)]
     per_cell = model.spec.anchors_per_cell
