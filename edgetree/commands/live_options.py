@@ -98,6 +98,15 @@ _Token: TypeAlias = Annotated[
     str | None,
     typer.Option(help="Token that the page asks for.", show_default="a random one if needed"),
 ]
+_BlankAfter: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        metavar="SECONDS",
+        min=0.1,
+        max=60.0,
+        help="Age from which the page blanks what it shows; more where a frame takes longer.",
+    ),
+]
 _Serve: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -292,6 +301,7 @@ class LivePageOptions:
     host: _Host = "127.0.0.1"
     port: _Port = 8420
     token: _Token = None
+    blank_after: _BlankAfter = 1.0
     serve: _Serve = None
 
     @contextmanager
@@ -315,7 +325,7 @@ class LivePageOptions:
         """Raise InputError if a value cannot be used."""
         from edgetree.live.page import PageServer
 
-        PageServer(self.host, self.port, self.token)
+        PageServer(self.host, self.port, self.token, self.blank_after)
         self.check_service(source)
 
     def check_service(self, source: str) -> None:
@@ -323,10 +333,11 @@ class LivePageOptions:
         from basetree.errors import InputError
         from edgetree.serve.router import endpoint
 
-        names = ("host", "port", "token")
+        names = ("host", "port", "token", "blank_after")
         given = [name for name in names if getattr(self, name) != getattr(type(self), name)]
         if given and not self.page:
-            raise InputError(f"--{given[0]} given without --page: expected both")
+            option = given[0].replace("_", "-")
+            raise InputError(f"--{option} given without --page: expected both")
         if self.serve is not None:
             endpoint(self.serve)
         elif source == CLIENTS:
@@ -351,7 +362,14 @@ class LivePageOptions:
             return
         from edgetree.live.page import PageServer
 
-        page = PageServer(self.host, self.port, self.token, recorder=recorder, health=health)
+        page = PageServer(
+            self.host,
+            self.port,
+            self.token,
+            self.blank_after,
+            recorder=recorder,
+            health=health,
+        )
         with closing(page):
             page.start(waits=waits, on_served=_tell_page)
             yield page

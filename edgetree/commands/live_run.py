@@ -175,5 +175,11 @@ class LiveRun:
         return writes
 
     def _status(self) -> str:
-        recordings = [] if self.recorder is None else [self.recorder.status.line()]
-        return ", ".join([self.pipeline.status.line(), *recordings, *self.guarded.missing()])
+        parts = [self.pipeline.status.line()]
+        parts += [] if self.recorder is None else [self.recorder.status.line()]
+        if self.page is not None and self.pipeline.status.age_ms > 1000 * self.page.stale_s:
+            parts.append(
+                "the page is blank, as results come later than --blank-after"
+                f" {self.page.stale_s:g} allows"
+            )
+        return ", ".join([*parts, *self.guarded.missing()])

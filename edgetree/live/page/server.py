@@ -53,6 +53,7 @@ class PageServer:
 
     Attributes:
         address: What to open in a browser, with the token. Known after `start`.
+        stale_s: As given.
 
     Raises:
         InputError: a value cannot be used.
@@ -77,6 +78,7 @@ class PageServer:
         if max_clients < 1:
             raise InputError(f"max_clients is {max_clients}: expected at least 1")
         self.address = ""
+        self.stale_s = stale_s
         self._where = (host, port)
         self._access = Access(host, token)
         self._is_token_given = token is not None

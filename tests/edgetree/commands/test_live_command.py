@@ -17,6 +17,9 @@ from typing import Any
 
 import pytest
 
+from edgetree import TreeDetector
+from edgetree.commands import live_run
+
 Cli = Callable[..., Any]
 
 MAIN = "from edgetree.cli import main; main()"
@@ -168,6 +171,8 @@ MISTAKES = {
     "port": (("--page", "--port", "70000"), "--port of the page is 70000"),
     "port alone": (("--port", "8421"), "--port given without --page: expected both"),
     "token alone": (("--token", "abc"), "--token given without --page: expected both"),
+    "blank after": (("--page", "--blank-after", "0"), "--blank-after.*0.1"),
+    "blank after alone": (("--blank-after", "3"), "--blank-after given without --page"),
 }
 
 
@@ -213,6 +218,26 @@ def test_sigterm_ends_it_with_everything_written(
     assert frames == list(range(len(frames)))
     assert len(frames) > 2
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize(("after", "blank"), [("0.1", True), ("60", False)])
+def test_a_page_whose_results_always_come_too_late_is_told(
+    run_cli: Cli,
+    source: tuple[object, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    after: str,
+    blank: bool,
+) -> None:
+    def slow(*given: Any, **options: Any) -> Any:
+        time.sleep(0.2)
+        return detect(*given, **options)
+
+    detect = TreeDetector.detect
+    monkeypatch.setattr(TreeDetector, "detect", slow)
+    monkeypatch.setattr(live_run, "_STATUS_EVERY_S", 0.0)
+    done = run_cli("live", *source, "--frames", 2, "--page", "--port", 0, "--blank-after", after)
+    assert done.code == 0, done.err
+    assert ("later than --blank-after 0.1 allows" in done.err) == blank
 
 
 def test_all_input_is_recorded_and_gives_the_same_trees(
