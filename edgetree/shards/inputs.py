@@ -101,7 +101,12 @@ class FrameFiles:
                 folders[str(depths)] = self.depth.where
             if self.are_recordings:
                 (entry,) = entries
-                with closing(open_frames(images / entry.file, rig=rig)) as frames:
+                try:
+                    recording = open_frames(images / entry.file, rig=rig)
+                except InputError as error:  # names the copy of a file at a URL
+                    told = str(error).replace(str(images), self.source.where)
+                    raise InputError(told) from error
+                with closing(recording) as frames:
                     yield FramesOfUnit(iter(frames), folders, frames)
                 return
             files = [

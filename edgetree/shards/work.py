@@ -8,14 +8,14 @@ import json
 import logging
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
 from basetree.files.regular import read_regular
-from basetree.jobs import Job, JobError, Store
+from basetree.jobs import Job, JobError, Store, StoreError
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig
@@ -84,10 +84,17 @@ class FrameWork:
         block = 1 if files.are_recordings else BLOCK_FRAMES
 
         def work(unit: int) -> bytes:
-            start = unit * block
-            with files.frames(start, block, self.rig) as opened:
-                part = self._part(opened, detector, follows=files.are_recordings)
-                return json.dumps(part, allow_nan=False).encode()
+            with ExitStack() as stack:
+                try:
+                    opened = stack.enter_context(files.frames(unit * block, block, self.rig))
+                except InputError as error:
+                    if not files.are_recordings or isinstance(error, StoreError):
+                        raise
+                    # As of a frame that cannot be read: the other recordings are still wanted.
+                    part = _part_of([], "", "", [_one_line(error)])
+                else:
+                    part = self._part(opened, detector, follows=files.are_recordings)
+            return json.dumps(part, allow_nan=False).encode()
 
         return work
 
@@ -126,16 +133,10 @@ class FrameWork:
                 TREES.write_rows(table, outcome)
                 PROFILES.write_rows(profiles, outcome)
             else:
-                left_out.append(_as_shown(" ".join(str(outcome).split()), shown))
+                left_out.append(_as_shown(_one_line(outcome), shown))
         counts, where = opened.source.counts, _as_shown(opened.source.name, shown)
         left_out += [f"{where}: {counts[name]} {name}" for name in INCOMPLETE if counts.get(name)]
-        return {
-            "schema": "edgetree.part/1",
-            "frames": records,
-            "csv": table.getvalue(),
-            "profiles": profiles.getvalue(),
-            "left_out": left_out,
-        }
+        return _part_of(records, table.getvalue(), profiles.getvalue(), left_out)
 
     def _outcomes(
         self, frames: Iterator[Frame], detector: TreeDetector, views: StemViews | None
@@ -148,6 +149,22 @@ class FrameWork:
                 return
             except InputError as error:
                 yield error
+
+
+def _part_of(
+    records: list[dict[str, Any]], csv: str, profiles: str, left_out: list[str]
+) -> dict[str, Any]:
+    return {
+        "schema": "edgetree.part/1",
+        "frames": records,
+        "csv": csv,
+        "profiles": profiles,
+        "left_out": left_out,
+    }
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 @contextmanager

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import re
 import shutil
 from collections.abc import Callable
 from fractions import Fraction
@@ -199,3 +201,20 @@ def test_a_text_that_names_other_files_is_no_video(tmp_path: Path, text: str) ->
     path.write_text(text)
     with pytest.raises(InputError, match=r"list\.mp4 cannot be read"):
         open_source(path)
+
+
+def test_a_recording_that_cannot_be_opened_leaves_the_others_of_a_job(
+    tmp_path: Path, model: Path, run_cli: Callable[..., Any]
+) -> None:
+    folder = tmp_path / "drives"
+    folder.mkdir()
+    write(folder / "a.mp4")
+    (folder / "b.mp4").write_bytes(b"no video" * 50)
+    write(folder / "c.mp4")
+    lines = tmp_path / "a.jsonl"
+    outputs = ("--shards", tmp_path / "parts", "--jsonl", lines, "--csv", tmp_path / "a.csv")
+    done = run_cli("run", folder, "--model", model, *outputs)
+    assert done.code == 1
+    assert re.search(rf"left out: .*{re.escape(str(folder / 'b.mp4'))} cannot be read", done.err)
+    paths = [json.loads(line)["path"] for line in lines.read_text().splitlines()]
+    assert [Path(each).stem[0] for each in paths] == ["a"] * FRAMES + ["c"] * FRAMES
