@@ -98,20 +98,23 @@ def text_file(path: Path) -> Iterator[TextIO]:
 def replacing_folder(path: Path) -> Iterator[Path]:
     """Give the block a new folder to fill, which becomes `path` if the block succeeds.
 
+    An older folder at `path` is removed when the new one is in its place.
+
     Args:
         path: Folder to make or replace; its parent exists.
 
     Raises:
-        UnwritableFile: If the folder cannot be made. And whatever the block raises.
+        UnwritableFile: If the folder cannot be made or replaced. And whatever the block raises.
     """
     with errors_naming(path):
+        if path.name in ("", "..") or os.path.ismount(path):
+            raise OSError(errno.EBUSY, "it is the current folder, one around it or a mounted one")
         _remove_leftovers_once(os.path.realpath(path.parent))
         temporary, lock = _new_folder(path.parent)
     try:
         yield temporary
         with errors_naming(path):
-            shutil.rmtree(path, ignore_errors=True)
-            temporary.replace(path)
+            _replace_folder(path, temporary)
             sync_folder(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -321,6 +324,28 @@ def _new_folder(parent: Path) -> tuple[Path, int | None]:
             if temporary.exists():
                 return temporary, descriptor
             os.close(descriptor)
+
+
+def _replace_folder(path: Path, new: Path) -> None:
+    """Rename a folder to `path`; one that is there is removed after that, or kept if it fails."""
+    if path.is_symlink() or not path.is_dir():
+        new.replace(path)
+        return
+    old, lock = _random_name(path.parent), None
+    if sys.platform != "win32":  # which cannot open folders
+        lock = os.open(path, os.O_RDONLY)
+        _lock(lock, wait=False)  # so that no other process takes it for a leftover
+    try:
+        path.rename(old)
+        try:
+            new.replace(path)
+        except OSError:
+            old.rename(path)
+            raise
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        if lock is not None:
+            os.close(lock)
 
 
 def _random_name(folder: Path) -> Path:

@@ -48,6 +48,7 @@ EXCEPTIONS = {
     "basetree/files/locking.py:locked": WRITES,
     "basetree/files/writing.py:_new_folder": WRITES,
     "basetree/files/writing.py:_remove_if_left": WRITES,
+    "basetree/files/writing.py:_replace_folder": WRITES,
     "basetree/jobs/stores.py:copy_folder": SUMS,
     "basetree/page/parts.py:start": OWN,
     "basetree/program/process.py:_discard_rest": WRITES,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import subprocess
@@ -199,4 +200,33 @@ def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
     assert [found.name for found in path.iterdir()] == ["old"]
     fill(fails=False)
     assert [found.name for found in path.iterdir()] == ["new"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("place", [".", "inner/.."])
+def test_a_folder_that_cannot_be_replaced_is_kept(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "old").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OSError, match="current folder"), replacing_folder(Path(place)) as folder:
+        (folder / "new").touch()
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["inner", "old"]
+
+
+def test_a_folder_is_kept_if_the_new_one_cannot_take_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kit"
+    path.mkdir()
+    (path / "old").touch()
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, "no luck")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="no luck"), replacing_folder(path) as folder:
+        (folder / "new").touch()
+    assert [found.name for found in path.iterdir()] == ["old"]
     assert list(tmp_path.iterdir()) == [path]
