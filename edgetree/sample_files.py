@@ -12,6 +12,7 @@ import numpy as np
 
 from basetree.errors import InputError
 from basetree.files.writing import replacing_folder, write_text, write_whole
+from basetree.program.quoting import quoted
 from calib import pixels_to_rays
 from edgetree.samples import SampleFrame, SampleTree, sample_frames
 
@@ -66,18 +67,22 @@ a machine. It prints how far the diameters are off, and how many stems would be 
 
 
 def commands_for(folder: Path) -> list[str]:
-    """Return commands that run on the files in a folder of `write_samples`."""
-    pictures, depth, camera, drive = (
-        (folder / name).as_posix() for name in ("pictures", "depth", "camera.json", "drive")
+    """Return commands that run on the files in a folder of `write_samples`, for a shell."""
+
+    def place(name: str) -> str:
+        return quoted((folder / name).as_posix())
+
+    pictures, depth, camera, drive = map(place, ("pictures", "depth", "camera.json", "drive"))
+    table, caliper, report, stems = map(
+        place, ("trees.csv", _CALIPER, "trees.html", "stems.geojson")
     )
-    table, caliper = ((folder / name).as_posix() for name in ("trees.csv", _CALIPER))
-    report = (folder / "trees.html").as_posix()
+    picture, its_depth = place("pictures/sample_0.jpg"), place("depth/sample_0.png")
     rig = f"--camera {camera}"
     return [
-        f"edgetree measure {pictures}/sample_0.jpg --depth {depth}/sample_0.png {rig}",
+        f"edgetree measure {picture} --depth {its_depth} {rig}",
         f"edgetree run {pictures} --depth {depth} {rig} --csv {table} --report {report}",
         f"edgetree check {table} {caliper}",
-        f"edgetree live {drive} --map {(folder / 'stems.geojson').as_posix()}",
+        f"edgetree live {drive} --map {stems}",
     ]
 
 

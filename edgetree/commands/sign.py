@@ -109,7 +109,7 @@ def _sign(
     tell(f"signature  {file}")
     for line in statement_lines(statement):
         tell(line)
-    note(f"next, on the machine: edgetree trust --check {model.name}")
+    note(f"next, on the machine: edgetree trust --check {quoted(model.name)}", whole=True)
 
 
 def statement_lines(statement: Statement) -> list[str]:

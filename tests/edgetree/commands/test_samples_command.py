@@ -25,9 +25,9 @@ def run(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_command_that_is_named_runs(tmp_path: Path) -> None:
-    done = run("samples", "--out", "samples", folder=tmp_path)
+    done = run("samples", "--out", "my samples", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    commands = commands_for(Path("samples"))
+    commands = commands_for(Path("my samples"))
     assert all(command in done.stderr for command in commands)
     printed = {}
     for command in commands:
@@ -47,9 +47,9 @@ def test_every_command_that_is_named_runs(tmp_path: Path) -> None:
     assert "cm" in printed["measure"]
     assert "stems" in printed["check"]
     assert {"trees.csv", "trees.html", "stems.geojson"} <= {
-        path.name for path in (tmp_path / "samples").iterdir()
+        path.name for path in (tmp_path / "my samples").iterdir()
     }
-    readme = (tmp_path / "samples/README.txt").read_text()
+    readme = (tmp_path / "my samples/README.txt").read_text()
     assert all(command in readme for command in commands_for(Path()))
     assert "The check ends with exit code 3" in readme
 
