@@ -29,6 +29,7 @@ from basetree.files import writing
 from basetree.files.json import read_json, refuse_repeated
 from basetree.files.limits import current_limits
 from basetree.files.names import is_inside
+from basetree.files.reading import file_sha256
 from basetree.files.writing import replacing, text_file
 from calib import PinholeCamera
 from edgetree.conformance.frames import FramePixels, KitCamera, frames_for
@@ -298,6 +299,15 @@ def _read_pixels(folder: Path, frame: KitFrame) -> NDArray[Any]:
     return pixels
 
 
+def _sha256(model: Path) -> str:
+    try:
+        return file_sha256(model)
+    except OSError as error:
+        raise InputError(
+            f"model {model} cannot be read ({error.strerror}): expected an .onnx file"
+        ) from error
+
+
 def run_kit(
     folder: Path, *, provider: str = CPU, threads: int | None = None, rounds: int = 0
 ) -> Results:
@@ -310,11 +320,20 @@ def run_kit(
         rounds: Passes over the frames that are timed; 0 for no times.
 
     Raises:
-        InputError: The kit cannot be read, or the provider cannot be used.
+        InputError: The kit cannot be read, its model is another one than kit.json says, or the
+            provider cannot be used.
     """
     kit = read_kit(folder)
+    model = folder / kit.model
+    check_is_file(model)
+    if (sha256 := _sha256(model)) != kit.model_sha256:
+        raise InputError(
+            f"{model} has the SHA-256 {sha256[:12]}..., and {_CONTENT} says"
+            f" {kit.model_sha256[:12]}...: expected the model that the kit was made of; make a kit"
+            " of each model"
+        )
     reference = Reference(
-        folder / kit.model,
+        model,
         score_threshold=kit.score_threshold,
         provider=provider,
         threads=threads,

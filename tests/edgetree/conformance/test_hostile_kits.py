@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -105,8 +106,10 @@ def test_a_frame_with_a_large_file_is_not_read(tmp_path: Path) -> None:
 def test_the_frames_of_a_kit_are_read_one_after_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kit = kit_with(tmp_path, *(FRAME | {"name": f"{number}"} for number in range(3)))
-    (kit / "x").write_bytes(default_model("depth").read_bytes())
+    frames = [FRAME | {"name": f"{number}"} for number in range(3)]
+    model = default_model("depth").read_bytes()
+    kit = kit_with(tmp_path, *frames, model_sha256=hashlib.sha256(model).hexdigest())
+    (kit / "x").write_bytes(model)
     read: list[str] = []
 
     def reading(folder: Path, frame: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -327,6 +328,15 @@ def test_a_cut_frame_is_named(kits: dict[str, Path], tmp_path: Path) -> None:
     (tmp_path / frame.file).write_bytes(b"123")
     with pytest.raises(InputError, match=r"sample_0.raw has 3 bytes: expected 1843200"):
         read_frame(tmp_path, frame)
+
+
+def test_a_model_that_the_kit_was_not_made_of_is_not_run(
+    kits: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = shutil.copytree(kits["depth"], tmp_path / "kit")
+    shutil.copy(default_model("edge-s-depth"), folder / "model.onnx")
+    with pytest.raises(InputError, match=r"onnx has the SHA-256 .*, and kit\.json says"):
+        run_kit(folder, threads=1)
 
 
 def test_a_folder_of_other_things_is_not_replaced(tmp_path: Path) -> None:
