@@ -46,14 +46,22 @@ def models(*, as_json: Json = False) -> None:
 
 
 def _record(model: KnownModel) -> Iterator[dict[str, Any]]:
-    """A model as a JSON object; nothing, and a note, if it cannot be read."""
-    from basetree.errors import EdgetreeError
+    """A model as a JSON object; nothing, and a note, if it cannot be read.
+
+    A card that cannot be used is told, and the model listed without it.
+    """
+    from basetree.errors import EdgetreeError, InputError
 
     try:
-        manifest, card = model.manifest(), model.card()
+        manifest = model.manifest()
     except EdgetreeError as error:
         complain(f"left out: {error}")
         return
+    try:
+        card = model.card()
+    except InputError as error:
+        card = None
+        complain(f"no figures of {model.name}: {error}")
     yield {
         "name": model.name,
         "path": str(model.path),

@@ -244,6 +244,18 @@ def test_the_command_leaves_out_what_is_no_model(run_cli: Cli, folder: Path) -> 
     assert "broken.onnx" in done.err
 
 
+def test_the_command_lists_a_model_whose_card_is_of_another_file(
+    run_cli: Cli, folder: Path
+) -> None:
+    shutil.copy(default_model("edge-s-depth"), folder / "ours.onnx")
+    done = run_cli("models", "--json")
+    assert done.code == 0, done.err
+    (ours,) = (each for each in json.loads(done.out)["models"] if each["name"] == "ours")
+    assert ours["card"] is None
+    assert "no figures of ours: " in done.err
+    assert "the card of another file than ours.onnx" in done.err
+
+
 def test_the_model_suits_the_input_and_this_is_told(run_cli: Cli, images: Path) -> None:
     depth = images.parent / "depth"
     for extra, name in (((), DEFAULTS["rgb"]), (("--depth", depth), DEFAULTS["depth"])):
