@@ -240,9 +240,9 @@ class Export(TypedDict):
     provider: str
     input_px: Sides
     batch: Count
-    proposals: Count
+    proposals: Count | None
     opset: Count
-    multiply_adds: Count
+    multiply_adds: Count | None
     parameters: Count
     file_bytes: Count
     weights_sha256: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from schema_check import check_schema
 
 import calib
 from calib.depth_scale import DepthScale
-from edgetree.catalogue import default_model
+from edgetree.catalogue import KnownModel, default_model
 from edgetree.frames.frame import DepthNoise
 from edgetree.model_file.manifest import METADATA_KEY
 from edgetree.model_file.safety_check import read_model_file
@@ -112,6 +113,17 @@ def test_the_list_of_models_and_their_manifests_are_valid(run_cli: Cli) -> None:
     assert check_schema(json.loads(run_cli("models", "--json").out)) == "edgetree.models/1"
     record = json.loads(read_model_file(default_model("depth")).metadata[METADATA_KEY])
     assert check_schema(record) == METADATA_KEY + "/1"
+
+
+def test_the_verification_of_an_older_file_is_valid() -> None:
+    pytest.importorskip("torch")
+    from edgetree.commands.export import record
+    from edgetree.export import ExportReport, ParityReport
+
+    manifest = KnownModel("depth", default_model("depth")).manifest()
+    older = dataclasses.replace(manifest, proposals=None, multiply_adds=None)
+    report = ExportReport(default_model("depth"), older, ParityReport("int8", ()), 1)
+    assert check_schema(json.loads(json.dumps(record(report)))) == "edgetree.export/1"
 
 
 def test_cards_are_valid_and_a_card_without_a_speed_is_not() -> None:
