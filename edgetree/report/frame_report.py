@@ -21,6 +21,7 @@ from basetree.files.writing import text_file
 from basetree.page import parts
 from edgetree.drawing.primitives import Picture
 from edgetree.frames.pipeline import FrameResult
+from edgetree.live.tracking.picture_tracker import are_followed
 from edgetree.measure import Estimate
 from edgetree.report.totals import StandTotals
 from edgetree.report.tree_table import Reasons, class_chart, tree_row, tree_table
@@ -104,12 +105,23 @@ class _Totals:
     """What the report says about all frames."""
 
     def __init__(self, whole: bool, head: ReportHead) -> None:
-        self._head, self._stand = head, StandTotals(head.area_ha)
+        self._head = head
+        self._trees, self._stems = StandTotals(head.area_ha), StandTotals(head.area_ha)
         self._whole = whole
         self._frames = 0
         self._rows: list[str] = []
         self._reasons = Reasons()
-        self._tracks: set[int] | None = None
+        self._tracks: set[int] = set()
+        self._followed = 0
+
+    @property
+    def _counts_stems(self) -> bool:
+        """Whether stems were followed, and not only a few of the trees, as in single frames."""
+        return self._followed > 0 and are_followed(self._followed, len(self._rows))
+
+    @property
+    def _stand(self) -> StandTotals:
+        return self._stems if self._counts_stems else self._trees
 
     def add(self, result: FrameResult) -> str:
         """Count a frame; returns its picture as HTML."""
@@ -117,8 +129,6 @@ class _Totals:
         anchor, name = f"frame-{self._frames}", result.frame.name
         measured = 0
         tracks = result.found.tracks
-        if tracks is not None:
-            self._tracks = (self._tracks or set()) | set(filter(None, tracks))
         for name_of_tree, track, score, tree, size in zip(
             result.found.names,
             [None] * len(result.trees) if tracks is None else tracks,
@@ -129,10 +139,11 @@ class _Totals:
         ):
             self._rows.append(tree_row(anchor, name, name_of_tree, float(score), tree, size))
             self._reasons.add(tree)
-            if tracks is None:
-                self._stand.add(tree, -len(self._rows))
-            elif track is not None:
-                self._stand.add(tree, track)
+            self._trees.add(tree, len(self._rows))
+            if track is not None:
+                self._stems.add(tree, track)
+                self._tracks.add(track)
+                self._followed += 1
             measured += isinstance(tree.diameter_m, Estimate)
         words = f"{counted(len(result.trees), 'tree')}, {measured} with a diameter"
         if result.frame.depth_fault is not None:
@@ -145,7 +156,7 @@ class _Totals:
         return parts.figure(_embedded(draw_frame(result)), caption, f"{name}: {words}", anchor)
 
     def _counting(self) -> str:
-        if self._tracks is not None:
+        if self._counts_stems:
             return "each stem that was followed counts once, with the most certain of its values"
         if not self._whole:
             return "each stem counts once"
@@ -163,7 +174,7 @@ class _Totals:
             middle_html = f"<span {attributes}>{text} cm</span>"
         found = (str(trees), "tree found" if trees == 1 else "trees found")
         measured = (f"{len(diameters_m)} of {trees}", "trees with a measured diameter")
-        if self._tracks is not None:  # in a video, where the same trees are found again and again
+        if self._counts_stems:  # in a video, where the same trees are found again and again
             found = (f"about {len(self._tracks)}", f"different trees, found {trees} times")
             of_stems = f"{len(diameters_m)} of {len(self._tracks)}"
             measured = (of_stems, "different trees with a measured diameter")

@@ -52,6 +52,11 @@ _TRACK: Final = np.dtype(
 )
 
 
+def are_followed(followed: int, detections: int) -> bool:
+    """Whether enough of the trees found in all frames have the number of a stem to count stems."""
+    return followed >= _LEAST_FOLLOWED * detections
+
+
 class PictureTracker:
     """Follows stems from frame to frame by their boxes and the motion of the picture.
 
@@ -108,7 +113,7 @@ class PictureTracker:
         Its error is that of simulated drives, where the truth is the number of stems that the model
         finds in three frames: what it never finds is not counted.
         """
-        if self._followed < _LEAST_FOLLOWED * self._detections:
+        if not are_followed(self._followed, self._detections):
             return Failure(
                 "stems could not be followed from frame to frame, as the frames are too few or too"
                 " far apart in time"

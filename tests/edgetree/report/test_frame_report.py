@@ -412,6 +412,32 @@ def test_totals_count_a_stem_that_is_followed_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "tracks",
+    [
+        pytest.param(((None, None),), id="one frame"),
+        pytest.param(((None, None), (None, None), (None, 1)), id="frames far apart"),
+    ],
+)
+def test_a_video_whose_stems_are_not_followed_counts_all_trees(
+    tmp_path: Path, tracks: tuple[tuple[int | None, ...], ...]
+) -> None:
+    results = [
+        replace(
+            found := result(str(number), MEASURED, MEASURED),
+            found=replace(found.found, tracks=each),
+        )
+        for number, each in enumerate(tracks)
+    ]
+    page = written(tmp_path / "r.html", *results)
+    trees = 2 * len(tracks)
+    assert f"{trees} trees found {trees} of {trees} trees with a measured diameter" in page.text
+    assert "31.2 cm median diameter" in page.text
+    rows = {row[0].text: row[-1].text for row in page.rows}
+    assert rows["mean diameter at the felling cut"] == f"{trees} of {trees}"
+    assert "a tree counts as often as it is in a picture" in page.text
+
+
+@pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--title", "Stand"), "--title given without --report: expected both"),
