@@ -36,7 +36,8 @@ def tree_row(
     Args:
         anchor: id of the frame's picture.
         frame: Name of the frame.
-        name: What the picture calls the tree: its number, or # and that of a followed stem.
+        name: What the picture calls the tree: its number, or # and that of a followed stem, or
+            a word for a stem without a number, which is sorted to the end.
         score: Score of the detection.
         measured: Its measurement.
         size: Its size in the picture.
@@ -49,10 +50,12 @@ def tree_row(
         notes.append(pixel_words(size))
     items = [*(escape(note) for note in notes), *further_values_html(measured)]
     remarks = "".join(f"<li>{item}</li>" for item in items)
+    number = name.removeprefix("#")
+    sorted_by = f'data-value="{number}"' if number.isdecimal() else 'class="none"'
     return parts.row(
         [
             parts.Cell(f'<a href="#{anchor}">{escape(frame)}</a>', 'data-name="frame"'),
-            parts.Cell(name, f'data-name="tree" data-value="{name.removeprefix("#")}"'),
+            parts.Cell(name, f'data-name="tree" {sorted_by}'),
             *(_cell(measured, name) for name in _COLUMNS),
             parts.Cell(f"{score:.0%}", f'data-name="score" data-value="{float(score):.4f}"'),
             parts.Cell(f"<ul>{remarks}</ul>", 'class="notes"') if remarks else _MISSING,

@@ -295,6 +295,17 @@ def test_values_reasons_and_warnings_are_in_the_row(tmp_path: Path) -> None:
     assert "warning: a high stump" in row["remarks"].text
 
 
+def test_a_tree_without_a_number_is_sorted_to_the_end(tmp_path: Path) -> None:
+    found = result("a", MEASURED, MEASURED)
+    tracks = replace(found, found=replace(found.found, tracks=(None, 12)))
+    new, followed = written(tmp_path / "r.html", tracks).trees
+    assert (new["tree"].text, followed["tree"].text) == ("new", "#12")
+    assert followed["tree"].attributes["data-value"] == "12"
+    # The script sorts by numbers, and leaves cells of this class at the end.
+    assert "data-value" not in new["tree"].attributes
+    assert new["tree"].attributes["class"] == "none"
+
+
 def test_the_profile_is_folded_in_the_remarks(tmp_path: Path) -> None:
     profile = StemProfile(
         heights_from="ground",
