@@ -85,6 +85,7 @@ def call_times_ms(
     *,
     batch: int = 1,
     duration_s: float = 5.0,
+    on_begin: Callable[[], object] = lambda: None,
     on_run: Callable[[float], None] = lambda _: None,
 ) -> tuple[list[float], int]:
     """Time detections on the images in turn, after three to warm up.
@@ -94,6 +95,7 @@ def call_times_ms(
         images: Images as for `TreeDetector.detect`, at least one.
         batch: Images that are handed over together.
         duration_s: Time to measure for; at least five calls are measured.
+        on_begin: Called between the warm-up and the first call that is timed.
         on_run: Called after each call with the elapsed share of the time, 0 to 1.
 
     Returns:
@@ -116,6 +118,7 @@ def call_times_ms(
         call(number)
     times_ms: list[float] = []
     trees = 0
+    on_begin()
     begin = time.perf_counter()
     gone_s = 0.0
     while gone_s < duration_s or len(times_ms) < _MIN_RUNS:

@@ -95,9 +95,15 @@ def _open(job: Job) -> tuple[TreeDetector, list[BenchFrame], float]:
 def _round(job: Job) -> Record:
     detector, frames, load_ms = _open(job)
     images = [frame.image for frame in frames]
-    energy = EnergyCounter()
-    times_ms, trees = call_times_ms(detector, images, batch=job.batch, duration_s=job.duration_s)
-    joules, count = energy.joules(), len(times_ms) * job.batch
+    energy: list[EnergyCounter] = []
+    times_ms, trees = call_times_ms(
+        detector,
+        images,
+        batch=job.batch,
+        duration_s=job.duration_s,
+        on_begin=lambda: energy.append(EnergyCounter()),
+    )
+    joules, count = energy[0].joules(), len(times_ms) * job.batch
     return {
         "load_ms": load_ms,
         "times_ms": [round(each, 4) for each in times_ms],

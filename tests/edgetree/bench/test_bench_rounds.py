@@ -15,6 +15,7 @@ from fake_python import replace_python
 
 from basetree.errors import CheckFailed, InputError
 from edgetree import TreeDetector, default_model
+from edgetree.bench import worker
 from edgetree.bench.peak import machine_peak
 from edgetree.bench.profile import PARTS, count_multiply_adds, network_times, parts_of_nodes
 from edgetree.bench.rounds import BenchSettings, Variant, measure_variants
@@ -121,6 +122,31 @@ def test_a_crashed_benchmark_is_a_failed_check(
 def test_invalid_settings_are_rejected(changes: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=f"--{next(iter(changes))} is "):
         BenchSettings(**changes)
+
+
+def test_the_energy_of_the_warm_up_is_not_that_of_the_timed_frames(
+    monkeypatch: pytest.MonkeyPatch, rgb_manifest: Manifest, write_model: Callable[..., Path]
+) -> None:
+    calls = 0
+    detect = TreeDetector.detect
+
+    def counting(detector: TreeDetector, image: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        return detect(detector, image)
+
+    class OneJouleACall:
+        def __init__(self) -> None:
+            self._before = calls
+
+        def joules(self) -> float:
+            return float(calls - self._before)
+
+    monkeypatch.setattr(TreeDetector, "detect", counting)
+    monkeypatch.setattr(worker, "EnergyCounter", OneJouleACall)
+    job = worker.Job("round", threads=1, model=str(write_model(rgb_manifest)), duration_s=0.0)
+    assert worker._round(job)["energy_j_per_frame"] == 1.0
+    assert calls == 3 + 5
 
 
 def test_a_long_run_has_a_curve(rgb_manifest: Manifest, write_model: Callable[..., Path]) -> None:
