@@ -90,18 +90,24 @@ def memory_mib(root: Path) -> tuple[float | None, float | None]:
     sizes = {line.partition(":")[0]: float(line.split()[1]) / 1024 for line in lines if line}
     total, free = sizes.get("MemTotal"), sizes.get("MemAvailable")
     for folder in _control_groups(root, "memory"):
-        for limit, usage in (
-            ("memory.max", "memory.current"),
-            ("memory.limit_in_bytes", "memory.usage_in_bytes"),
+        for limit, usage, cache in (
+            ("memory.max", "memory.current", "inactive_file"),
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
         ):
             text, used = _read(folder / limit), _read(folder / usage)
             if not (text and used and text.strip().isdigit()) or int(text) > _UNLIMITED_BYTES:
                 continue
             allowed = int(text) / 1024**2
             total = allowed if total is None else min(total, allowed)
-            left = allowed - int(used) / 1024**2
+            left = allowed - max(int(used) - _cached_bytes(folder, cache), 0) / 1024**2
             free = left if free is None else min(free, left)
     return total, free
+
+
+def _cached_bytes(folder: Path, name: str) -> int:
+    """Files in a control group's memory that the system drops when memory is needed."""
+    found = re.search(rf"^{name} (\d+)$", _read(folder / "memory.stat") or "", re.MULTILINE)
+    return int(found[1]) if found else 0
 
 
 def _control_groups(root: Path, controller: str) -> list[Path]:

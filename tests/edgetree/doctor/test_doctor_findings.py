@@ -110,6 +110,28 @@ def test_a_containers_lower_memory_limit_is_used(tmp_path: Path) -> None:
     assert memory_mib(write(tmp_path, unlimited)) == (8192.0, 4096.0)
 
 
+@pytest.mark.parametrize(
+    ("limit", "usage", "stat"),
+    [
+        ("memory.max", "memory.current", "file 900000000\ninactive_file 805306368\n"),
+        (
+            "memory/memory.limit_in_bytes",
+            "memory/memory.usage_in_bytes",
+            "inactive_file 4096\ntotal_inactive_file 805306368\n",
+        ),
+    ],
+    ids=["version 2", "version 1"],
+)
+def test_cached_files_of_a_container_are_free_memory(
+    tmp_path: Path, limit: str, usage: str, stat: str
+) -> None:
+    groups = Path("sys/fs/cgroup")
+    files = {limit: "1073741824\n", usage: "1073741824\n"}
+    files[str(Path(usage).with_name("memory.stat"))] = stat
+    write(tmp_path, {"proc/meminfo": MEMINFO, **{f"{groups / k}": v for k, v in files.items()}})
+    assert memory_mib(tmp_path) == (1024.0, 768.0)
+
+
 def test_a_missing_provider_fails_with_a_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
