@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
@@ -190,16 +190,15 @@ def _result(view: _View, stems: list[_Stem]) -> FrameResult:
     image = decode_image(view.jpeg, cv2.IMREAD_COLOR)
     assert image is not None
     measured = of_frame.measurements
-    return FrameResult(
-        replace(of_frame.frame, image=np.asarray(image, np.uint8)),
-        FoundTrees(
-            of_frame.trees.select(np.array([stem.tree for stem in stems], np.intp)),
-            tuple(stem.track.number for stem in stems),
-        ),
-        None if measured is None else [_fused(measured[stem.tree], stem.track) for stem in stems],
-        of_frame.metres_need,
-        of_frame.camera,
+    given = {each.name: getattr(of_frame, each.name) for each in fields(FrameResult)}
+    given["frame"] = replace(of_frame.frame, image=np.asarray(image, np.uint8))
+    given["found"] = FoundTrees(
+        of_frame.trees.select(np.array([stem.tree for stem in stems], np.intp)),
+        tuple(stem.track.number for stem in stems),
     )
+    if measured is not None:
+        given["measurements"] = [_fused(measured[stem.tree], stem.track) for stem in stems]
+    return FrameResult(**given)
 
 
 def _fused(tree: TreeMeasurement, track: TreeTrack) -> TreeMeasurement:

@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edgetree.measure import Estimate
+from edgetree.frames.pipeline import FoundTrees
+from edgetree.frames.turning import Turn
+from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.measure.volume import stem_volume
+from edgetree.results.text_table import pixel_words
 from edgetree.sinks import StemReportSink, report
 
 
@@ -73,6 +76,25 @@ def test_the_volume_is_that_of_the_diameter_that_all_views_say(tmp_path, live_re
     volume = stem_volume("spruce", Estimate(0.25, 0.005))
     assert f"{volume.value:.3f} ± {volume.std:.3f} m³" in page
     assert f"{trees[0].volume_m3.value:.3f} ±" not in page
+
+
+def test_the_size_in_the_picture_is_that_of_the_upright_picture(tmp_path, live_result) -> None:
+    no = Failure("no depth on the stem")
+    result = live_result(0, 2, diameter_m=no, dbh_m=no)
+    trees = result.found.trees
+    # A stem across the picture of a camera on its side, leaning by 0° upright.
+    across = np.array([[20, 100, 330, 130]], np.float32)
+    mask = np.ones((1, 28, 28), np.float32)
+    lying = dataclasses.replace(trees, boxes_px=across, masks=mask)
+    result = dataclasses.replace(
+        result,
+        found=FoundTrees.detected(lying),
+        measurements=[TreeMeasurement.failed(no.reason)],
+        turn=Turn(1),
+    )
+    (size,) = result.pixel_sizes
+    assert abs(size.lean_in_picture_deg.value) < 1
+    assert pixel_words(size) in written(tmp_path / "a.html", result)
 
 
 def test_stems_that_were_never_confirmed_have_no_entry(tmp_path, live_result) -> None:
