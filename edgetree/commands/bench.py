@@ -182,6 +182,7 @@ def _result(
     from edgetree.bench.result import make_result
     from edgetree.bench.rounds import count_runs, measure_variants
     from edgetree.commands.bench_accuracy import accuracy_of
+    from edgetree.runtime.providers import SessionSettings
 
     environment = _environment()
     if busy := busy_words(environment["busy_cores"], environment["cores"]):
@@ -189,7 +190,11 @@ def _result(
     known: dict[Path, Any] = {}
     if data is not None:  # first, so that data which do not suit a model cost no measurement
         note(f"evaluating on {data}")
-        known = {path: accuracy_of(path, data, _SPLIT) for path in {v.path: 0 for v in variants}}
+        session = SessionSettings(
+            settings.provider, settings.strict, require_signature=settings.require_signature
+        )
+        paths = dict.fromkeys(variant.path for variant in variants)
+        known = {path: accuracy_of(path, data, _SPLIT, session) for path in paths}
     with Progress("measuring", count_runs(variants, settings), "run") as step:
         measured = measure_variants(variants, settings, note, lambda: step.update(1))
     for variant, row in zip(variants, measured["rows"], strict=True):

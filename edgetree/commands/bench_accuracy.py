@@ -10,12 +10,15 @@ from basetree.counts import counted
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
+    from edgetree.runtime.providers import SessionSettings
 
 _MOST_METRE_FRAMES = 100
 _AVERAGE_PRECISIONS = {"box_ap": "boxes", "mask_ap": "masks", "keypoint_ap": "keypoints"}
 
 
-def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | None:
+def accuracy_of(
+    path: Path, data: Path | None, split: str, session: SessionSettings | None = None
+) -> dict[str, Any] | None:
     """The accuracy of a model file as JSON object; None if nothing is known.
 
     `source` and `frames` say where it is from; equal `frames` make two files comparable. The
@@ -25,13 +28,14 @@ def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | N
         path: The model file.
         data: a labelled dataset; None for the figures of the model's card.
         split: Split of the dataset.
+        session: How to run the model on a dataset; the default settings if None.
 
     Raises:
         MissingPackage: a dataset is given, and torch or another package for training is missing.
         perceptree.errors.DatasetError: The dataset is missing or broken.
         EdgetreeError: The model cannot be opened.
     """
-    return _of_card(path) if data is None else _of_data(path, data, split)
+    return _of_card(path) if data is None else _of_data(path, data, split, session)
 
 
 def _of_card(path: Path) -> dict[str, Any] | None:
@@ -60,11 +64,12 @@ def _of_card(path: Path) -> dict[str, Any] | None:
     }
 
 
-def _of_data(path: Path, data: Path, split: str) -> dict[str, Any]:
+def _of_data(path: Path, data: Path, split: str, session: SessionSettings | None) -> dict[str, Any]:
     from edgetree.evaluate import evaluate_file
     from edgetree.runtime.detector import TreeDetector
+    from edgetree.runtime.session import OrtSession
 
-    detector = TreeDetector.load(path)
+    detector = TreeDetector(OrtSession(path, session))
     figures = evaluate_file(detector, {"name": path.stem}, data, split).figures
     found = figures["average_precision"]
     return {

@@ -12,9 +12,11 @@ from typing import Any
 
 import pytest
 
+from basetree.errors import InputError
 from edgetree.bench.rounds import measure_variants
 from edgetree.bench.stored import read_result
 from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.session import OrtSession
 from edgetree.sample_files import write_samples
 
 QUICK = ("--seconds", 0, "--rounds", 1, "--threads", 1)
@@ -142,6 +144,29 @@ def test_data_that_do_not_suit_a_model_cost_no_measurement(
     done = run_cli("bench", "edge-n-depth", "--data", drive)
     assert done.code == 2
     assert "has no 8-bit depth image for it" in done.err
+
+
+def test_accuracy_is_measured_with_the_provider_of_the_times(
+    run_cli: Any, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Any] = []
+    open_session = OrtSession.__init__
+
+    def opening(session: OrtSession, path: Path, settings: Any = None, **others: Any) -> None:
+        opened.append(settings)
+        open_session(session, path, settings, **others)
+
+    def evaluate(*arguments: Any) -> None:
+        raise InputError("enough")
+
+    monkeypatch.setattr("edgetree.evaluate.check_dataset", lambda data, split: None)
+    monkeypatch.setattr("edgetree.evaluate.evaluate_file", evaluate)
+    monkeypatch.setattr(OrtSession, "__init__", opening)
+    done = run_cli("bench", model, "--data", "data", "--provider", "tensorrt", "--no-strict")
+    assert (done.code, done.err.splitlines()[-1]) == (2, "edgetree: enough")
+    frames, accuracy = opened
+    assert (accuracy.provider, accuracy.strict) == (frames.provider, frames.strict)
+    assert (accuracy.provider, accuracy.strict) == ("tensorrt", False)
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(model: Path, tmp_path: Path) -> None:
