@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -167,6 +168,31 @@ def test_accuracy_is_measured_with_the_provider_of_the_times(
     frames, accuracy = opened
     assert (accuracy.provider, accuracy.strict) == (frames.provider, frames.strict)
     assert (accuracy.provider, accuracy.strict) == ("tensorrt", False)
+
+
+@pytest.mark.parametrize(
+    ("frames", "error_mm", "words"),
+    [
+        (400, 8.0, "measured on data, the diameter on 100 of its frames"),
+        (100, 8.0, "measured on data"),
+        (400, None, "measured on data"),
+    ],
+)
+def test_accuracy_says_on_how_many_frames_the_diameter_is_measured(
+    monkeypatch: pytest.MonkeyPatch, frames: int, error_mm: float | None, words: str
+) -> None:
+    from edgetree import default_model
+    from edgetree.commands import bench_accuracy
+
+    average = dict.fromkeys(("boxes", "masks", "keypoints"))
+    figures = {"average_precision": average, "data": {"frames": frames}}
+    report = SimpleNamespace(figures=figures)
+    monkeypatch.setattr("edgetree.evaluate.evaluate_file", lambda *_: report)
+    monkeypatch.setattr(bench_accuracy, "_diameter_error_mm", lambda *_: error_mm)
+    found = bench_accuracy.accuracy_of(default_model("depth"), Path("data"), "test")
+    assert found is not None
+    assert (found["source"], found["diameter_error_mm"]) == (words, error_mm)
+    assert found["frames"].startswith(f"{frames} frames, ")
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(model: Path, tmp_path: Path) -> None:
