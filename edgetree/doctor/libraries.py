@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 import re
 import subprocess
+import sys
 from collections.abc import Iterable
 from typing import Final
 
@@ -74,10 +75,30 @@ def examine_libraries() -> Libraries:
     )
 
 
-def minimum_versions(requirements: Iterable[str]) -> dict[str, str]:
-    """The lowest version of each package, from requirements of the form `name>=version`."""
-    found = (re.match(r"([\w.-]+)\s*\(?>=\s*([\w.]+)", line) for line in requirements)
-    return {match[1].lower(): match[2] for match in found if match}
+def minimum_versions(
+    requirements: Iterable[str], python: tuple[int, ...] = sys.version_info[:2]
+) -> dict[str, str]:
+    """The lowest version of each package.
+
+    Args:
+        requirements: Requirements such as `name[extra]<3,>=2.1; python_version >= "3.12"`.
+        python: The version of Python. Requirements for others do not count.
+    """
+    found = {}
+    for line in requirements:
+        what, _, marker = line.partition(";")
+        match = re.match(r"([\w.-]+).*?>=\s*([\w.]+)", what)
+        if match and _is_for(python, marker):
+            found[match[1].lower()] = match[2]
+    return found
+
+
+def _is_for(python: tuple[int, ...], marker: str) -> bool:
+    """Whether a marker leaves a requirement to a version of Python."""
+    limits = re.findall(r"""python_version\s*(<|>=)\s*["']([\d.]+)""", marker)
+    return all(
+        (python < tuple(map(int, version.split(".")))) == (sign == "<") for sign, version in limits
+    )
 
 
 def _requirements(name: str) -> list[str]:

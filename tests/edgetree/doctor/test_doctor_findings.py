@@ -6,7 +6,7 @@ import pytest
 
 from edgetree.doctor import providers
 from edgetree.doctor.examine import examine_models
-from edgetree.doctor.libraries import import_error
+from edgetree.doctor.libraries import import_error, minimum_versions
 from edgetree.doctor.machine import core_quota, examine_machine, instruction_sets, memory_mib
 from edgetree.doctor.providers import examine_providers
 
@@ -139,6 +139,18 @@ def test_a_missing_provider_fails_with_a_reason(
     (result,) = examine_providers()
     assert not result.works
     assert "fallback to CPU EP has been explicitly disabled" in result.reason
+
+
+def test_the_lowest_versions_are_those_for_this_python() -> None:
+    requirements = [
+        "numpy>=2.1",
+        'laspy[lazrs]>=2.5; extra == "lidar"',
+        'pyorbbecsdk2<2.1,>=2.0.15; python_version < "3.12" and extra == "orbbec"',
+        'pyorbbecsdk2>=2.1; python_version >= "3.12" and extra == "orbbec"',
+    ]
+    always = {"numpy": "2.1", "laspy": "2.5"}
+    for python, orbbec in (((3, 11), "2.0.15"), ((3, 12), "2.1"), ((3, 13), "2.1")):
+        assert minimum_versions(requirements, python) == {**always, "pyorbbecsdk2": orbbec}
 
 
 def test_a_library_that_cannot_be_imported_is_found(
