@@ -73,7 +73,8 @@ def _cell(tree: TreeMeasurement, quantity: str) -> parts.Cell:
     if quantity in UNITS["mm"]:
         return parts.Cell(text, f"{name} {length_attributes(quantity, result)}")
     words = direction_words(result, tree.lean_direction_deg)
-    return parts.Cell(f"{text} {words}", f'{name} data-value="{float(result.value)!r}"')
+    numbers = f'data-value="{float(result.value)!r}" data-std="{float(result.std)!r}"'
+    return parts.Cell(f"{text} {words}", f"{name} {numbers}")
 
 
 def tree_table(rows: Sequence[str]) -> str:

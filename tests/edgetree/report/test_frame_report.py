@@ -295,6 +295,13 @@ def test_values_reasons_and_warnings_are_in_the_row(tmp_path: Path) -> None:
     assert "warning: a high stump" in row["remarks"].text
 
 
+def test_the_lean_has_its_standard_deviation_in_degrees(tmp_path: Path) -> None:
+    tree = replace(MEASURED, inclination_deg=Estimate(6.25, 3.125))
+    (row,) = written(tmp_path / "r.html", result("a", tree)).trees
+    attributes = row["lean"].attributes
+    assert (attributes["data-value"], attributes["data-std"]) == ("6.25", "3.125")
+
+
 def test_a_tree_without_a_number_is_sorted_to_the_end(tmp_path: Path) -> None:
     found = result("a", MEASURED, MEASURED)
     tracks = replace(found, found=replace(found.found, tracks=(None, 12)))
