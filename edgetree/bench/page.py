@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from basetree.counts import counted
 from basetree.page import parts
+from edgetree.bench.cells import number_text
 from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
 from edgetree.bench.result import notes, row_label, size_text
 from edgetree.bench.winner import fastest_rows, frame_ms
@@ -125,9 +126,9 @@ def _paper_cells(row: Record) -> list[str]:
     accuracy = row.get("accuracy") or {}
     return [
         row["name"],
-        _number(classifier.get("parameters", 0) / 1e6, 1),
+        number_text(classifier.get("parameters"), 1, 1e6),
         _number(paper["parameters"] / 1e6, 1),
-        _number(classifier.get("multiply_adds", 0) / 1e9, 2),
+        number_text(classifier.get("multiply_adds"), 2, 1e9),
         _number(paper["multiply_adds"] / 1e9, 2),
         f"{row['fps']:.2f}",
         f"{paper['fps']:.0f}",

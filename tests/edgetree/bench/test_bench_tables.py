@@ -128,6 +128,13 @@ def test_the_figures_of_the_page_are_those_of_the_result() -> None:
     assert all(f"{stage}: " in html for stage in STAGES)
 
 
+def test_the_page_has_no_counts_of_a_classifier_that_is_not_known() -> None:
+    cells = _Cells()
+    cells.feed("".join(page_html(result_of([row_of("r50", classifier=None)], ["r50"]))))
+    (row,) = [each for each in cells.rows if len(each) == 9 and each[0] == "r50"]
+    assert row[1:5] == ["-", "25.6", "-", "3.86"]
+
+
 def test_a_stored_result_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     result = result_of([row_of("r50")], ["r50"])
