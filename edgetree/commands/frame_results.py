@@ -54,13 +54,18 @@ class LeftOut:
 
     Attributes:
         reasons: What the errors say, on one line each; equal ones once.
-        count: Number of the frames.
+        reason_of_each: The reason of each frame, so that equal ones are there as often as frames.
     """
 
     def __init__(self, strict: bool) -> None:
         self._strict = strict
         self.reasons: list[str] = []
-        self.count = 0
+        self.reason_of_each: list[str] = []
+
+    @property
+    def count(self) -> int:
+        """Number of the frames."""
+        return len(self.reason_of_each)
 
     def add_once(self, error: Exception) -> None:
         """Do as `add`, but for a frame of which the same was told before."""
@@ -71,8 +76,8 @@ class LeftOut:
         """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
-        self.count += 1
         reason = _reason(error)
+        self.reason_of_each.append(reason)
         if reason not in self.reasons:
             self.reasons.append(reason)
             complain(f"left out: {reason}")

@@ -84,7 +84,7 @@ class RunOutputs:
             sources: Values of SOURCE, for the report and for names of pictures in labels.
             model: Name of the model file.
             score_threshold: Lowest score of trees.
-            reasons: Why frames are left out, for the report.
+            reasons: Why frames are left out, one of each frame, for the report.
             head: Title, place and area of the report.
             style: How CSV tables are written.
             rate_hz: Frames per second of a video to draw; None for those of the time stamps.

@@ -116,7 +116,7 @@ class RunResults:
                 ),
             )
         rate_hz = frames.rate_hz if isinstance(frames, VideoFrames) else None
-        about = (self.model_path.name, self.detector.score_threshold, self.left_out.reasons)
+        about = (self.model_path.name, self.detector.score_threshold, self.left_out.reason_of_each)
         self.outputs.open(self.guarded, self.sources, *about, head, style, rate_hz)
         writes: list[Callable[[FrameResult], object]] = [self.totals.add, self.guarded.write]
         if as_json:

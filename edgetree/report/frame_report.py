@@ -69,7 +69,8 @@ def report_file(
         path: The HTML file to write.
         source: What was measured, for the heading.
         trees_from: The model or the mask image that the trees come from, likewise.
-        left_out: Why frames were left out, a line for each; read at the end of the block.
+        left_out: Why frames were left out, a line for each frame, of which equal ones are shown
+            once; read at the end of the block.
         whole: Whether all frames of the source are added or left out; if not, the page counts
             pictures and no frames.
         head: Title, place and area.
@@ -246,7 +247,7 @@ class _Totals:
         if not reasons:
             return ""
         count = f"{counted(len(reasons), 'frame')} left out" if self._whole else "Left out"
-        lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
+        lines = "".join(f"<li>{escape(reason)}</li>" for reason in dict.fromkeys(reasons))
         return parts.heading(count) + f"<ul>{lines}</ul>"
 
 

@@ -39,7 +39,7 @@ class ReportSink(FileSink[FrameResult]):
         path: The HTML file to write.
         source: What was measured, for the heading.
         trees_from: The model or the mask image that the trees come from, likewise.
-        left_out: Why frames were left out, a line for each; read when the sink is closed.
+        left_out: Why frames were left out, a line for each frame; read when the sink is closed.
         head: Title, place and area.
 
     Raises:

@@ -97,6 +97,24 @@ def test_frames_with_the_same_reason_are_counted_each(capsys: pytest.CaptureFixt
         LeftOut(strict=False).check_some(0)
 
 
+def test_the_report_counts_the_frames_with_the_same_reason(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path
+) -> None:
+    video = tmp_path / "square.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 10, (480, 480))
+    for _ in range(3):
+        writer.write(np.zeros((480, 480, 3), np.uint8))
+    writer.release()
+    page = tmp_path / "r.html"
+    rig = ("--camera", images.parent / "camera.json", "--camera-height", 1.5)
+    done = run_cli("run", images / "a.jpg", video, "--model", model, *rig, "--report", page)
+    assert done.code == 1
+    assert done.err.splitlines()[-1] == "edgetree: 3 of 4 frames left out, see above"
+    text = page.read_text()
+    assert "<h2>3 frames left out</h2>" in text
+    assert text.count("the camera is for 640x360 px and the image is 480x480") == 1
+
+
 def test_a_frame_that_does_not_fit_the_camera_is_left_out(
     run_cli: Cli, model: Path, images: Path
 ) -> None:
