@@ -105,9 +105,10 @@ class Trunk(nn.Module):
     def _lateral_of(self, name: str, images: Tensor, shown: Tensor) -> list[Tensor]:
         """The lateral maps of one of two inputs.
 
-        In training, images that show nothing have no part in the statistics of batch norms.
+        In training, images that show nothing have no part in the statistics of batch norms. If none
+        shows anything the layers get no image, so that their weights still have gradients.
         """
-        if not self.training or not shown.any():
+        if not self.training:
             return self._lateral(name, images)
         (rows,) = shown.nonzero(as_tuple=True)
         maps = self._lateral(name, images[rows])

@@ -15,6 +15,7 @@ from torch.nn.parallel import DistributedDataParallel
 from basetree.errors import SettingsError
 from perceptree.errors import DatasetError
 from perceptree.models import TreeRCNN
+from perceptree.models.losses import CountReducer
 from perceptree.settings.training import LAST_LEVEL, TrainSettings
 from perceptree.training.batches import Batch, SeededDraws
 from perceptree.training.keeping import StartingBackbone
@@ -31,10 +32,10 @@ class _Losses(nn.Module):
         super().__init__()
         self.model, self._start = model, start
 
-    def forward(self, *arguments: Any) -> dict[str, Tensor]:
+    def forward(self, *arguments: Any, mean_count: CountReducer) -> dict[str, Tensor]:
         """Return the losses of TreeRCNN.losses, and that of the starting backbone."""
-        losses = self.model.losses(*arguments)
-        return losses if self._start is None else losses | self._start.loss()
+        losses = self.model.losses(*arguments, mean_count=mean_count)
+        return losses if self._start is None else losses | self._start.loss(mean_count)
 
 
 class Gradients:
@@ -113,7 +114,11 @@ class Gradients:
         with rounded_weights(self._model, self._settings.weight_bits):
             with exchange, torch.autocast(self._device.type, torch.bfloat16, self._bf16):
                 losses: dict[str, Tensor] = self._losses(
-                    images, targets, self._settings.sampling, draw, self._processes.mean
+                    images,
+                    targets,
+                    self._settings.sampling,
+                    draw,
+                    mean_count=self._processes.mean,
                 )
             total = torch.stack(list(losses.values())).sum() / self._settings.accumulate
             total.backward()  # type: ignore[no-untyped-call]

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from perceptree.models import TreeRCNN
 from perceptree.models.backbones import Backbone
+from perceptree.models.losses import CountReducer, local_count
 from perceptree.settings.training import TrainSettings
 
 _LEAST_VARIANCE = 1e-6
@@ -67,12 +68,14 @@ class StartingBackbone:
     ) -> None:
         self._seen[number] = inputs[0], maps
 
-    def loss(self) -> dict[str, Tensor]:
+    def loss(self, mean_count: CountReducer = local_count) -> dict[str, Tensor]:
         """The loss `features` of the last forward pass; empty without it.
 
         It is the mean over images and levels of the squared difference of an image's maps, divided
-        by the variance of its starting map. So processes with parts of a batch have the loss of the
-        joint batch.
+        by the variance of its starting map; 0 if no image shows anything.
+
+        Args:
+            mean_count: Mean of a count over the training processes, as some may have fewer images.
         """
         if not self._settings.keep_features:
             return {}
@@ -86,7 +89,9 @@ class StartingBackbone:
                 for own, start in zip(maps, starts, strict=True)
             ]
         self._seen = {}
-        return {"features": self._settings.keep_features * torch.cat(parts).mean()}
+        found = torch.cat(parts)
+        count = mean_count(torch.tensor(len(found), device=found.device)).clamp(min=1)
+        return {"features": self._settings.keep_features * found.sum() / count}
 
     def pull(self, rate: float) -> None:
         """Move the trained weights towards the starting ones after a step.

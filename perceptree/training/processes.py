@@ -135,10 +135,19 @@ class _Sum(torch.autograd.Function):
         return total
 
 
-def _joint_mean(x: Tensor) -> Tensor:
-    """Mean over all processes of `x`, with gradient."""
-    total: Tensor = _Sum.apply(x)
-    return total / dist.get_world_size()
+def _joint_mean(x: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean of each channel of (N, C, H, W) over all processes, with gradient; 0 without values.
+
+    Processes may have different numbers of images, or none: of a network of both inputs, those
+    that show nothing are left out.
+
+    Returns:
+        (C,) means, and (1,) the joint number of values of a channel.
+    """
+    own = x.new_tensor([x.numel() / x.shape[1]])
+    total: Tensor = _Sum.apply(torch.cat((x.sum((0, 2, 3)), own)))
+    count = total[-1:].detach()
+    return total[:-1] / count.clamp(min=1.0), count
 
 
 def _joint_norm(norm: Any, x: Tensor) -> Tensor:
@@ -146,14 +155,12 @@ def _joint_norm(norm: Any, x: Tensor) -> Tensor:
         forward: Tensor = type(norm).forward(norm, x)
         return forward
     x32 = x.float()
-    # The mean of the processes' means is the joint mean, because their batches have equal sizes.
-    mean = _joint_mean(x32.mean((0, 2, 3)))
-    apart = (x32 - mean[:, None, None]).square()
-    variance = _joint_mean(apart.mean((0, 2, 3)))
+    mean, count = _joint_mean(x32)
+    variance, _ = _joint_mean((x32 - mean[:, None, None]).square())
     with torch.no_grad():
-        count = x.numel() / x.shape[1] * dist.get_world_size()
-        norm.running_mean.lerp_(mean, norm.momentum)
-        norm.running_var.lerp_(variance * count / (count - 1), norm.momentum)
+        share = norm.momentum * (count > 0)
+        norm.running_mean.lerp_(mean, share)
+        norm.running_var.lerp_(variance * count / (count - 1).clamp(min=1.0), share)
         norm.num_batches_tracked += 1
     scale = norm.weight * torch.rsqrt(variance + norm.eps)
     shift = norm.bias - mean * scale

@@ -1,11 +1,11 @@
 """One process of a training that a test runs alone, or starts by torchrun.
 
-Arguments: DATA OUT DIES_AT, and START for a training that is held near the weights in that file.
+Arguments: DATA OUT, and the options of `run` by name.
 """
 
+import argparse
 import json
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from perceptree.models import SampleSettings
 from perceptree.training import Engine, Status, TrainSettings, train
 
 STEPS = 8
+LEFT_OUT = {"without_colour_share": 0.2, "without_depth_share": 0.5}
 # Proposals, NMS and overlap thresholds can depend on the last digit. So here all
 # anchors are proposed, none is suppressed, and only true boxes overlap enough.
 ALL_PROPOSALS = SampleSettings(
@@ -24,7 +25,15 @@ ALL_PROPOSALS = SampleSettings(
 )
 
 
-def run(data: Path, out: Path, dies_at: int, start: Path | None = None) -> None:
+def run(
+    data: Path,
+    out: Path,
+    dies_at: int = 0,
+    start: Path | None = None,
+    steps: int = STEPS,
+    modality: str = "depth",
+    apart: bool = False,
+) -> None:
     """Train with one thread, and write the losses of each step to `told.json`.
 
     Args:
@@ -32,18 +41,25 @@ def run(data: Path, out: Path, dies_at: int, start: Path | None = None) -> None:
         out: folder of the run.
         dies_at: step at which the second process dies; 0 for none.
         start: starting weights that the training is held near.
+        steps: steps of the training.
+        modality: input of the network.
+        apart: whether each process has a folder of its own in `out`, named by its rank, as on
+            machines that share none.
     """
     torch.set_num_threads(1)
-    spec = narrow_spec(proposal_nms_iou=1.0)
+    rank = os.environ.get("RANK", "0")
+    if apart:
+        out /= rank
+    spec = narrow_spec(modality, proposal_nms_iou=1.0)
     settings = TrainSettings(
-        steps=STEPS,
+        steps=steps,
         batch=4,
         warmup_steps=8,
         optimizer="sgd",
         learning_rate=1e-4,
         ema_decay=0.0,
         evaluate_every_steps=1000,
-        augment=AugmentSettings(holes=2),
+        augment=AugmentSettings(holes=2, **LEFT_OUT),
         sampling=ALL_PROPOSALS,
     )
     if start is not None:
@@ -61,13 +77,21 @@ def run(data: Path, out: Path, dies_at: int, start: Path | None = None) -> None:
             }
         )
         last.update(status.losses)
-        if status.step == dies_at and os.environ.get("RANK") == "1":
+        if status.step == dies_at and rank == "1":
             raise RuntimeError("this process dies")
 
     train(spec, settings, data, out, note, start, Engine(precision="fp32", workers=0))
-    if os.environ.get("RANK", "0") == "0":
+    if rank == "0":
         (out / "told.json").write_text(json.dumps(told))
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), *map(Path, sys.argv[4:]))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("data", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--dies-at", type=int, default=0)
+    parser.add_argument("--start", type=Path)
+    parser.add_argument("--steps", type=int, default=STEPS)
+    parser.add_argument("--modality", default="depth")
+    parser.add_argument("--apart", action="store_true")
+    run(**vars(parser.parse_args()))

@@ -191,8 +191,23 @@ def test_images_that_show_nothing_leave_the_norms_as_they_are() -> None:
         model.maps(stored)
         learnt = [norm.running_mean.clone() for norm in norms]
         model.maps(stored[1:])
+        for norm, value in zip(norms, learnt, strict=True):
+            torch.testing.assert_close(norm.running_mean, value)
+        stored[..., :3], stored[..., 3] = 0, 255  # now none shows anything
+        found = model.maps(stored)
     for norm, value in zip(norms, learnt, strict=True):
-        torch.testing.assert_close(norm.running_mean, value)
+        assert norm.running_mean.equal(value)
+    assert all(x.isfinite().all() for x in found.values())
+
+
+def test_inputs_that_no_image_shows_have_gradients_of_zero() -> None:
+    model = both().train()
+    images = pictures(model.spec)
+    dark = torch.zeros_like(images["colour"])
+    sum(x.sum() for x in maps(model, images | {"colour": dark})).backward()
+    assert model.colour_backbone is not None
+    assert all(x.grad is not None and not x.grad.any() for x in model.colour_backbone.parameters())
+    assert any(x.grad is not None and x.grad.any() for x in model.backbone.parameters())
 
 
 def test_both_backbones_are_frozen() -> None:

@@ -119,6 +119,9 @@ def test_the_loss_of_features_is_their_squared_difference_over_the_variance(
             variance = ((start_map - mean) ** 2).sum() / (start_map.numel() - 1)
             parts.append(((one - start_map) ** 2).sum() / start_map.numel() / variance)
     model.features(images)
+    shared = keeper.loss(lambda count: 1.5 * count)["features"]  # others have more images
+    assert float(shared) == pytest.approx(2.0 * float(sum(parts)) / len(parts) / 1.5, rel=1e-4)
+    model.features(images)
     loss = keeper.loss()["features"]
     assert float(loss) == pytest.approx(2.0 * float(sum(parts)) / len(parts), rel=1e-4)
     assert float(loss) > 0.01

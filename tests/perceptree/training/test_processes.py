@@ -21,15 +21,11 @@ from perceptree.training import train
 from perceptree.training.batches import SlotSampler
 from perceptree.training.processes import Processes
 
-NEVER = 0
-
 Make = Callable[..., Any]
 
 
-def run_two(
-    data: Path, out: Path, dies_at: int = NEVER, near: Path | None = None
-) -> subprocess.CompletedProcess[str]:
-    return torchrun([joint_run.__file__, data, out, dies_at, *([] if near is None else [near])])
+def run_two(data: Path, out: Path, *options: Any) -> subprocess.CompletedProcess[str]:
+    return torchrun([joint_run.__file__, data, out, *options])
 
 
 def torchrun(words: list[Any]) -> subprocess.CompletedProcess[str]:
@@ -48,12 +44,13 @@ def losses(out: Path) -> list[dict[str, float]]:
     return json.loads((out / "told.json").read_text())  # type: ignore[no-any-return]
 
 
+@pytest.mark.parametrize("modality", ["depth", "both"])
 def test_two_processes_have_the_losses_of_one(
-    write_dataset: Callable[..., Path], tmp_path: Path
+    write_dataset: Callable[..., Path], tmp_path: Path, modality: str
 ) -> None:
     data = write_dataset(train=10)
-    joint_run.run(data, tmp_path / "1", NEVER)
-    done = run_two(data, tmp_path / "2")
+    joint_run.run(data, tmp_path / "1", modality=modality)
+    done = run_two(data, tmp_path / "2", "--modality", modality)
     assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
     assert len(one) == len(two) == 8
@@ -69,8 +66,8 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
     data, start = write_dataset(train=10), tmp_path / "start.safetensors"
     torch.manual_seed(4)
     save_checkpoint(start, TreeRCNN(narrow(proposal_nms_iou=1.0)), {})
-    joint_run.run(data, tmp_path / "1", NEVER, start)
-    done = run_two(data, tmp_path / "2", near=start)
+    joint_run.run(data, tmp_path / "1", start=start)
+    done = run_two(data, tmp_path / "2", "--start", start)
     assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
     assert len(one) == len(two) == 8
@@ -88,7 +85,7 @@ def test_processes_wait_for_what_one_does_alone() -> None:
 @pytest.mark.slow
 def test_a_process_that_dies_ends_the_other(posts: Path, tmp_path: Path) -> None:
     started_s = time.monotonic()
-    done = run_two(posts, tmp_path / "run", dies_at=3)
+    done = run_two(posts, tmp_path / "run", "--dies-at", 3)
     assert done.returncode != 0
     assert "this process dies" in done.stderr
     assert time.monotonic() - started_s < 60 + 30  # including the start of both
