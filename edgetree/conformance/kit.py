@@ -181,9 +181,13 @@ def make_kit(
         InputError: The model cannot be used, or the folder cannot be written.
     """
     check_is_file(model)
-    taken = folder.exists() and not (folder.is_dir() and not any(folder.iterdir()))
-    if taken and not (folder / _CONTENT).is_file():
-        raise InputError(f"{folder} is not empty and not a kit: expected a new folder for the kit")
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        try:
+            read_kit(folder)
+        except InputError as error:
+            raise InputError(
+                f"{folder} is not empty and not a kit: expected a new folder for the kit"
+            ) from error
     reference = Reference(model, score_threshold=score_threshold)
     manifest, content = reference.manifest, model.read_bytes()
     sha256 = hashlib.sha256(content).hexdigest()

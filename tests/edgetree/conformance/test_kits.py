@@ -344,3 +344,13 @@ def test_a_folder_of_other_things_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not empty and not a kit"):
         make_kit(default_model("rgb"), tmp_path)
     assert (tmp_path / "notes.txt").read_text("utf-8") == "mine"
+
+
+@pytest.mark.parametrize("content", ['{"parts": []}', '{"schema": "ours.kit/3"}', "kit"])
+def test_a_folder_with_a_kit_of_another_program_is_not_replaced(
+    content: str, tmp_path: Path
+) -> None:
+    (tmp_path / "kit.json").write_text(content, "utf-8")
+    with pytest.raises(InputError, match="is not empty and not a kit"):
+        make_kit(default_model("rgb"), tmp_path)
+    assert (tmp_path / "kit.json").read_text("utf-8") == content
