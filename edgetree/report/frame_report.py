@@ -20,8 +20,8 @@ from basetree.counts import counted
 from basetree.files.writing import text_file
 from basetree.page import parts
 from edgetree.drawing.primitives import Picture
+from edgetree.frames.followed import are_followed
 from edgetree.frames.pipeline import FrameResult
-from edgetree.live.tracking.picture_tracker import are_followed
 from edgetree.measure import Estimate
 from edgetree.report.totals import StandTotals
 from edgetree.report.tree_table import Reasons, class_chart, tree_row, tree_table

@@ -10,6 +10,7 @@ import numpy as np
 from basetree.arrays import Float, Index, UInt8
 from basetree.matching import match_greedily
 from edgetree.detections import TreeDetections
+from edgetree.frames.followed import are_followed
 from edgetree.frames.image_motion import similarity, small_grey
 from edgetree.measure import Estimate, Failure
 
@@ -35,8 +36,6 @@ _TURN_STD: Final = 0.5
 _NEW_COST, _UNSEEN_COST, _DOUBT_COST = 4.0, 4.0, 10.0
 # Deviation of a count of N stems, as a share of the root of N: fitted on the six drives.
 _COUNT_STD: Final = 0.7
-# Where fewer of the detections than this share are of a followed stem, nothing was counted.
-_LEAST_FOLLOWED: Final = 0.5
 
 _TRACK: Final = np.dtype(
     [
@@ -50,11 +49,6 @@ _TRACK: Final = np.dtype(
         ("foot", np.float64),
     ]
 )
-
-
-def are_followed(followed: int, detections: int) -> bool:
-    """Whether enough of the trees found in all frames have the number of a stem to count stems."""
-    return followed >= _LEAST_FOLLOWED * detections
 
 
 class PictureTracker:
