@@ -32,9 +32,10 @@ class _Losses(nn.Module):
         super().__init__()
         self.model, self._start = model, start
 
-    def forward(self, *arguments: Any, mean_count: CountReducer) -> dict[str, Tensor]:
+    def forward(self, *arguments: Any) -> dict[str, Tensor]:
         """Return the losses of TreeRCNN.losses, and that of the starting backbone."""
-        losses = self.model.losses(*arguments, mean_count=mean_count)
+        losses = self.model.losses(*arguments)
+        mean_count: CountReducer = arguments[-1]
         return losses if self._start is None else losses | self._start.loss(mean_count)
 
 
@@ -114,11 +115,7 @@ class Gradients:
         with rounded_weights(self._model, self._settings.weight_bits):
             with exchange, torch.autocast(self._device.type, torch.bfloat16, self._bf16):
                 losses: dict[str, Tensor] = self._losses(
-                    images,
-                    targets,
-                    self._settings.sampling,
-                    draw,
-                    mean_count=self._processes.mean,
+                    images, targets, self._settings.sampling, draw, self._processes.mean
                 )
             total = torch.stack(list(losses.values())).sum() / self._settings.accumulate
             total.backward()  # type: ignore[no-untyped-call]

@@ -1,6 +1,7 @@
 """One process of a training that a test runs alone, or starts by torchrun.
 
-Arguments: DATA OUT, and the options of `run` by name.
+Arguments: DATA OUT, and the options of `run` by name, but `--near` for `start`: torchrun has a
+similar one.
 """
 
 import argparse
@@ -17,7 +18,6 @@ from perceptree.models import SampleSettings
 from perceptree.training import Engine, Status, TrainSettings, train
 
 STEPS = 8
-LEFT_OUT = {"without_colour_share": 0.2, "without_depth_share": 0.5}
 # Proposals, NMS and overlap thresholds can depend on the last digit. So here all
 # anchors are proposed, none is suppressed, and only true boxes overlap enough.
 ALL_PROPOSALS = SampleSettings(
@@ -59,7 +59,7 @@ def run(
         learning_rate=1e-4,
         ema_decay=0.0,
         evaluate_every_steps=1000,
-        augment=AugmentSettings(holes=2, **LEFT_OUT),
+        augment=AugmentSettings(holes=2, without_colour_share=0.2, without_depth_share=0.5),
         sampling=ALL_PROPOSALS,
     )
     if start is not None:
@@ -90,7 +90,7 @@ if __name__ == "__main__":
     parser.add_argument("data", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--dies-at", type=int, default=0)
-    parser.add_argument("--start", type=Path)
+    parser.add_argument("--near", dest="start", type=Path)
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--modality", default="depth")
     parser.add_argument("--apart", action="store_true")

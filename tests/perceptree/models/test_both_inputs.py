@@ -204,7 +204,8 @@ def test_inputs_that_no_image_shows_have_gradients_of_zero() -> None:
     model = both().train()
     images = pictures(model.spec)
     dark = torch.zeros_like(images["colour"])
-    sum(x.sum() for x in maps(model, images | {"colour": dark})).backward()
+    found = maps(model, images | {"colour": dark})
+    torch.stack([x.sum() for x in found]).sum().backward()  # type: ignore[no-untyped-call]
     assert model.colour_backbone is not None
     assert all(x.grad is not None and not x.grad.any() for x in model.colour_backbone.parameters())
     assert any(x.grad is not None and x.grad.any() for x in model.backbone.parameters())

@@ -67,7 +67,7 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
     torch.manual_seed(4)
     save_checkpoint(start, TreeRCNN(narrow(proposal_nms_iou=1.0)), {})
     joint_run.run(data, tmp_path / "1", start=start)
-    done = run_two(data, tmp_path / "2", "--start", start)
+    done = run_two(data, tmp_path / "2", "--near", start)
     assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
     assert len(one) == len(two) == 8
