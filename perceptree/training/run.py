@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -216,9 +217,11 @@ class _TrainingRun:
         bf16 = fastest_precision(torch.device(self.engine.device)) == "bf16"
         return "bf16" if self.processes.broadcast_number(float(bf16)) else "fp32"
 
-    @property
+    @cached_property
     def _resumable(self) -> bool:
-        return (self.out / STATE_NAME).exists()
+        """Whether the process of rank 0, which writes the run, has a state of it."""
+        own = (self.out / STATE_NAME).exists()
+        return self.processes.broadcast_number(float(own)) > 0
 
     @property
     def _state_path(self) -> Path:
@@ -226,7 +229,16 @@ class _TrainingRun:
         return (self.out if self._resumable or self.branch is None else self.branch) / STATE_NAME
 
     def _state(self, data: TrainingData) -> dict[str, Any] | None:
-        """The state to continue: this run's, or else that of the run it branches from."""
+        """The state to continue: this run's, or else that of the run it branches from.
+
+        The process of rank 0 reads it for all, as it alone writes states and other machines may
+        have none.
+        """
+        found = self._read_state(data) if self.processes.is_lead else None
+        shared: dict[str, Any] | None = self.processes.broadcast(found)
+        return shared
+
+    def _read_state(self, data: TrainingData) -> dict[str, Any] | None:
         known = {_MODEL: _spec_defaults(self.spec)}  # for states of older versions
         if self._resumable:
             identity = self._identity(data)

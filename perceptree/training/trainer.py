@@ -176,13 +176,19 @@ class Trainer:
         return self.out / "best.safetensors"
 
     def check_best(self, say: Callable[[str], None]) -> None:
-        """Forget the best weights if their file is lost or damaged, and say so."""
-        if self.counts.best is not None:
+        """Forget the best weights if their file is lost or damaged, and say so.
+
+        The process of rank 0 looks for all, as it alone writes the file.
+        """
+        is_lost = False
+        if self.counts.best is not None and self.processes.is_lead:
             try:
                 load_checkpoint(self.checkpoint)
             except CheckpointError as error:
                 say(f"{error}: the next evaluation writes it anew, from the weights it evaluates")
-                self.counts.forget_best()
+                is_lost = True
+        if self.processes.broadcast_number(float(is_lost)):
+            self.counts.forget_best()
 
     def _batches(self) -> Iterator[Batch]:
         data = self._data

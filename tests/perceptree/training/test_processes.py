@@ -20,6 +20,7 @@ from perceptree.models import TreeRCNN, save_checkpoint
 from perceptree.training import train
 from perceptree.training.batches import SlotSampler
 from perceptree.training.processes import Processes
+from perceptree.training.state import read_state
 
 Make = Callable[..., Any]
 
@@ -75,6 +76,20 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
         assert together == pytest.approx(alone, abs=1e-4)
     assert one[2]["features"] >= 0
     assert one[-1]["features"] > 0
+
+
+def test_machines_without_a_common_folder_go_on_from_the_same_state(
+    write_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    data = write_dataset(train=10)
+    joint_run.run(data, tmp_path / "1")
+    for steps in (joint_run.STEPS // 2, joint_run.STEPS):
+        done = run_two(data, tmp_path / "2", "--apart", "--steps", steps)
+        assert done.returncode == 0, done.stderr
+    whole, resumed = (read_state(tmp_path / run, {}) for run in ("1/state.pt", "2/0/state.pt"))
+    assert whole["step"] == resumed["step"] == joint_run.STEPS
+    assert resumed["means"] == pytest.approx(whole["means"], abs=1e-4)
+    assert not (tmp_path / "2/1/state.pt").exists()
 
 
 def test_processes_wait_for_what_one_does_alone() -> None:
