@@ -97,7 +97,8 @@ def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
             Those that are None stay as they are.
 
     Raises:
-        SpecError: The network does not support the input size, or does not have the inputs.
+        SpecError: The network does not support the input size, does not have the inputs, or has
+            fewer proposals than detections.
     """
     from perceptree.models import TreeRCNN
     from perceptree.models.branches import pruned

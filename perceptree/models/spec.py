@@ -127,7 +127,8 @@ class ModelSpec(Settings, error=SpecError):
     """Possible keypoint positions: `subcell` is 1/8 heat map cell refined with a parabola,
     `pixels` the centres of the box's pixels as in Detectron2."""
     detections: int = field(default=20, metadata=limits(1, 10_000))
-    """Rows of every output, the maximum number of trees per image."""
+    """Rows of every output, the maximum number of trees per image; at most as many as
+    proposals."""
     score_threshold: float = field(default=0.01, metadata=_SCORE)
     """Detections with a lower score are dropped."""
     nms_iou: float = field(default=0.5, metadata=_IOU)
@@ -160,6 +161,10 @@ class ModelSpec(Settings, error=SpecError):
         self._check_input()
         self._check_levels()
         self._check_anchors()
+        if self.detections > (most := self._most_proposals):
+            self._refuse(
+                f"detections is {self.detections} with {most} proposals", f"at most {most}"
+            )
         if self.mask_score_weight and not self.masks:
             found = f"mask_score_weight is {self.mask_score_weight} without masks"
             self._refuse(found, "0, or masks")
@@ -280,6 +285,13 @@ class ModelSpec(Settings, error=SpecError):
     def anchors_per_cell(self) -> int:
         """Number of anchors per cell: sizes times ratios."""
         return len(self.anchor_sizes_px[0]) * len(self.anchor_ratios)
+
+    @property
+    def _most_proposals(self) -> int:
+        """Proposals kept per image; a small input may have fewer anchors."""
+        cells = (rows * columns for rows, columns in map(self.map_size, self.levels))
+        kept = (min(self.proposals_per_level, n * self.anchors_per_cell) for n in cells)
+        return min(self.proposals, sum(kept))
 
     def map_size(self, level: int) -> tuple[int, int]:
         """Rows and columns of a level's map, for the input padded to a multiple of 32 px."""

@@ -147,6 +147,8 @@ def test_verify_uses_the_settings_of_the_file(
         (["--batch", "0"], "batch is 0: expected 1 to 64"),
         (["--proposals", "0"], "proposals is 0: expected 1 to 10000"),
         (["--max-detections", "1001"], "max_detections is 1001: expected 1 to 1000"),
+        (["--proposals", "19"], "detections is 20 with 19 proposals, expected at most 19"),
+        (["--max-detections", "101"], "detections is 101 with 100 proposals, expected at most 100"),
         (["--score-threshold", "1.5"], "score_threshold is 1.5: expected 0 or more, under 1"),
         (["--height", "8"], "the input is 8x160, expected 32 to 8192 px each way"),
     ],
