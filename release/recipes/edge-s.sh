@@ -49,8 +49,8 @@ perceptree synth --out data/field-928 --preset field --seed 928 --views 3 --fram
 python -m release.join data/paper-928 data/field-928 --out data/both-928
 python -m release.separable runs/b05/edge-s.safetensors --out runs/b05/separable.safetensors
 perceptree train data/both-928 --mix data/both-927 --init runs/b05/separable.safetensors --recipe varied --freeze-level 0 --frozen-norms --backbone-rate 0.5 --learning-rate 0.0005 --weight-bits 7 --evaluate-every 100000 --seed 63 --steps 2102 --out runs/b06
-# The mean of the weights before and after: better than either.
-perceptree average runs/b05/separable.safetensors runs/b06/best.safetensors --out runs/b06/mean.safetensors
+# The mean of the weights after and before: better than either.
+perceptree average runs/b06/best.safetensors runs/b05/separable.safetensors --out runs/b06/mean.safetensors
 
 perceptree calibrate-scores runs/b06/mean.safetensors data/paper-924 data/field-924 --split train --out models/edge-s.safetensors
 edgetree export models/edge-s.safetensors --out models/edge-s.onnx --precision int8 --proposals 60 --calibration data/paper-924 --data data/test

@@ -52,24 +52,27 @@ def card_of(model: Path, **changes: Any) -> str:
         ({"for": 5}, "for is 5, expected text"),
     ],
 )
-def test_a_wrong_card_leaves_its_model_out(
+def test_a_model_with_a_wrong_card_is_listed_without_figures(
     run_cli: Cli, model: Path, changes: dict[str, Any], message: str
 ) -> None:
     card = model.with_suffix(".json")
     card.write_text(card_of(model, **changes))
     done = run_cli("models")
     assert done.code == 0
-    assert f"left out: {card}: {message}" in done.err
-    assert "ours" not in done.out
+    assert f"no figures of {model.stem}: {card}: {message}" in done.err
+    assert model.stem in done.out
     assert accuracy_of(model, None, "test") is None
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "{", "[]", " " * 2**22])
-def test_another_text_leaves_its_model_out(run_cli: Cli, model: Path, text: str) -> None:
+def test_a_model_with_another_text_for_a_card_is_listed_without_figures(
+    run_cli: Cli, model: Path, text: str
+) -> None:
     model.with_suffix(".json").write_text(text)
     done = run_cli("models")
     assert done.code == 0
-    assert f"left out: {model.with_suffix('.json')}" in done.err
+    assert f"no figures of {model.stem}: {model.with_suffix('.json')}" in done.err
+    assert model.stem in done.out
     assert "Traceback" not in done.err
 
 
