@@ -78,6 +78,7 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
     assert one[-1]["features"] > 0
 
 
+@pytest.mark.slow
 def test_machines_without_a_common_folder_go_on_from_the_same_state(
     write_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -92,6 +93,7 @@ def test_machines_without_a_common_folder_go_on_from_the_same_state(
     assert not (tmp_path / "2/1/state.pt").exists()
 
 
+@pytest.mark.slow
 def test_processes_wait_for_what_one_does_alone() -> None:
     done = torchrun([joint_wait.__file__])
     assert done.returncode == 0, done.stderr
